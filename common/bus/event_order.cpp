@@ -1,0 +1,127 @@
+#include "bus/event_order.hpp"
+
+#include <algorithm>
+#include <tuple>
+
+namespace gastronaut {
+namespace {
+// One flipped bit in a utime must not make every other input look silent for ever. No pause
+// between two readings of a running rig is as long as this.
+constexpr std::int64_t kLongestPause = 60'000'000;  // microseconds
+}  // namespace
+
+int EventOrder::add_input(std::string name, std::int64_t lag) {
+  Input input;
+  input.name = std::move(name);
+  input.lag = lag;
+  inputs_.push_back(std::move(input));
+  return static_cast<int>(inputs_.size()) - 1;
+}
+
+EventOrder::PushResult EventOrder::push(int number, std::int64_t utime, Action handle) {
+  Input& input = inputs_[static_cast<std::size_t>(number)];
+  if (newest_ && utime > *newest_ && utime - *newest_ > kLongestPause) {
+    const bool confirmed = input.suspect && utime >= *input.suspect &&
+                           utime - *input.suspect <= kLongestPause;
+    if (!confirmed) {
+      input.suspect = utime;
+      return PushResult::kImplausible;
+    }
+  }
+  input.suspect.reset();
+  const bool turn_has_passed =
+      any_handed_out_ && std::make_tuple(utime, static_cast<std::size_t>(number)) <=
+                             std::make_tuple(last_utime_, last_input_);
+  const auto place =
+      std::lower_bound(input.queue.begin(), input.queue.end(), utime,
+                       [](const Event& event, std::int64_t t) { return event.utime < t; });
+  const bool repeated = (place != input.queue.end() && place->utime == utime) ||
+                        (input.handed_out && utime <= *input.handed_out);
+  if (turn_has_passed || repeated) return PushResult::kLate;
+  input.queue.insert(place, {utime, std::move(handle)});
+  input.newest = input.newest ? std::max(*input.newest, utime) : utime;
+  newest_ = newest_ ? std::max(*newest_, utime) : utime;
+  if (!first_) first_ = utime;
+  return PushResult::kQueued;
+}
+
+bool EventOrder::silent(const Input& input) const {
+  if (!newest_) return false;
+  // Differences of utimes as unsigned: a corrupt utime may be anywhere in the range.
+  const std::int64_t reached = std::max(input.newest.value_or(*first_), *first_);
+  return *newest_ > reached && static_cast<std::uint64_t>(*newest_) -
+                                       static_cast<std::uint64_t>(reached) >
+                                   static_cast<std::uint64_t>(input.lag);
+}
+
+std::optional<std::size_t> EventOrder::oldest() const {
+  std::optional<std::size_t> best;
+  for (std::size_t i = 0; i < inputs_.size(); ++i) {
+    if (inputs_[i].queue.empty()) continue;
+    if (!best || inputs_[i].queue.front().utime < inputs_[*best].queue.front().utime) best = i;
+  }
+  return best;
+}
+
+const EventOrder::Input* EventOrder::blocking(std::size_t candidate) const {
+  const std::int64_t utime = inputs_[candidate].queue.front().utime;
+  for (const Input& input : inputs_) {
+    const bool passed = input.newest && *input.newest >= utime;
+    if (!passed && !silent(input)) return &input;
+  }
+  return nullptr;
+}
+
+EventOrder::Event EventOrder::take(std::size_t number) {
+  Input& input = inputs_[number];
+  Event event = std::move(input.queue.front());
+  input.queue.pop_front();
+  input.handed_out = event.utime;
+  last_utime_ = event.utime;
+  last_input_ = number;
+  any_handed_out_ = true;
+  return event;
+}
+
+std::optional<EventOrder::Event> EventOrder::pop() {
+  const auto candidate = oldest();
+  if (!candidate || blocking(*candidate) != nullptr) return std::nullopt;
+  return take(*candidate);
+}
+
+std::optional<EventOrder::Event> EventOrder::drain() {
+  const auto candidate = oldest();
+  if (!candidate) return std::nullopt;
+  return take(*candidate);
+}
+
+std::size_t EventOrder::keep_newest(int number) {
+  auto& queue = inputs_[static_cast<std::size_t>(number)].queue;
+  if (queue.size() <= 1) return 0;
+  const std::size_t dropped = queue.size() - 1;
+  queue.erase(queue.begin(), queue.end() - 1);
+  return dropped;
+}
+
+std::string EventOrder::blocker() const {
+  const auto candidate = oldest();
+  if (!candidate) return {};
+  const Input* input = blocking(*candidate);
+  return input != nullptr ? input->name : std::string();
+}
+
+std::vector<std::string> EventOrder::silent_inputs() const {
+  std::vector<std::string> names;
+  for (const Input& input : inputs_) {
+    if (silent(input)) names.push_back(input.name);
+  }
+  return names;
+}
+
+std::size_t EventOrder::pending() const {
+  std::size_t total = 0;
+  for (const Input& input : inputs_) total += input.queue.size();
+  return total;
+}
+
+}  // namespace gastronaut

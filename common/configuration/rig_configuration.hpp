@@ -1,0 +1,263 @@
+// The whole configuration of a rig and of every process on it: one YAML file, plain structs that
+// hold the defaults. RIG_CONFIG carries it, so that a log explains itself.
+//
+// SI units. Frames as in architecture.md: `rig` is the Hall array's, z up.
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "camera/camera_model.hpp"
+#include "configuration/fields.hpp"
+#include "geometry/se3.hpp"
+#include "magnetics/axial_magnet.hpp"
+
+namespace gastronaut {
+
+struct TransformConfiguration {
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();  // metres
+  std::vector<double> rotation = {1, 0, 0, 0};            // unit quaternion w x y z
+
+  SE3 transform() const;
+  void check() const;
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("translation", translation, any(Dimension::kLength));
+    v("rotation", rotation);
+  }
+};
+
+struct CameraConfiguration {
+  int width = 640;  // pixels
+  int height = 480;
+  double fx = 332.8;
+  double fy = 332.8;
+  double cx = 319.5;
+  double cy = 239.5;
+  LensModel model = LensModel::kRadialTangential;
+  std::vector<double> distortion;  // OpenCV's order
+  double rate = 20;                // frames a second
+  // Linear light L = exposure_gain * cos^vignetting_cos_power(ray) * sum over lights of
+  // led_intensity cos^lobe / r^2 * albedo * cos(normal, light); the pixel is 255 L^(1/gamma).
+  double gamma = 2.2;
+  double exposure_gain = 1;
+  double led_intensity = 2.2e-4;  // square metres: unit albedo at distance d gives this / d^2
+  double vignetting_cos_power = 1;
+  double metres_per_depth_count = 5e-5;
+
+  CameraIntrinsics intrinsics() const;
+  void check() const;
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("width", width, between(1, 16384));
+    v("height", height, between(1, 16384));
+    v("fx", fx, positive());
+    v("fy", fy, positive());
+    v("cx", cx);
+    v("cy", cy);
+    v("model", model,
+      std::vector<Choice<LensModel>>{{"radial_tangential", LensModel::kRadialTangential},
+                                     {"fisheye", LensModel::kFisheye}});
+    v("distortion", distortion);
+    v("rate", rate, positive(Dimension::kFrequency));
+    v("gamma", gamma, between(0.2, 5));
+    v("exposure_gain", exposure_gain, positive());
+    v("led_intensity", led_intensity, positive());
+    v("vignetting_cos_power", vignetting_cos_power, not_negative());
+    v("metres_per_depth_count", metres_per_depth_count, positive(Dimension::kLength));
+  }
+};
+
+// Light k of `count` sits at radius (cos, sin)(2 pi k / count + phase) in the lens plane and shines
+// along the optical axis with cos^lobe.
+struct LightsConfiguration {
+  int count = 4;
+  double radius = 0.0032;  // metres
+  double phase = 0.3;      // radians
+  double lobe = 1.2;
+
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("count", count, between(1, 64));
+    v("radius", radius, not_negative(Dimension::kLength));
+    v("phase", phase, any(Dimension::kAngle));
+    v("lobe", lobe, not_negative());
+  }
+};
+
+struct MagnetConfiguration {
+  double moment = 0.408;       // A m^2
+  double moment_std = 0.004;   // one sigma of what is known of it; 0: exactly known
+  double outer_radius = 0.0055;  // metres; all three zero: a point dipole
+  double inner_radius = 0.003;
+  double length = 0.006;
+
+  AxialMagnetShape shape() const { return {outer_radius, inner_radius, length}; }
+  void check() const;
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("moment", moment, positive(Dimension::kMagneticMoment));
+    v("moment_std", moment_std, not_negative(Dimension::kMagneticMoment));
+    v("outer_radius", outer_radius, not_negative(Dimension::kLength));
+    v("inner_radius", inner_radius, not_negative(Dimension::kLength));
+    v("length", length, not_negative(Dimension::kLength));
+  }
+};
+
+// One Hall sensor: reading = response * B(position) + offset, B in the rig frame.
+struct HallSensorConfiguration {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // metres, rig frame
+  // num_axes x 3, one row a measured axis: its direction in the rig frame times its gain.
+  Eigen::MatrixXd response = Eigen::Matrix3d::Identity();
+  std::vector<double> offset;  // tesla, one an axis; empty: zero
+
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("position", position, any(Dimension::kLength));
+    v("response", response);
+    v("offset", offset, any(Dimension::kMagneticField));
+  }
+};
+
+// Where the sensors are: listed one by one, or (when `sensors` is empty) a regular grid in the
+// plane z with sensor row * cols + col at ((row - (rows-1)/2) pitch, (col - (cols-1)/2) pitch, z),
+// its axes along the rig's (num_axes 3) or z alone (num_axes 1).
+struct HallArrayConfiguration {
+  int rows = 8;
+  int cols = 8;
+  double pitch = 0.022;  // metres
+  double z = 0.085;      // metres
+  int num_axes = 3;      // 3 or 1
+  double rate = 100;         // readings a second
+  double noise = 1.5e-6;     // tesla, one sigma of one axis
+  double gain_std = 0.005;       // one sigma of what calibration leaves: relative gain error,
+  double alignment_std = 0.005;  // misalignment in radians,
+  double offset_std = 1e-6;      // and offset in tesla; part of the localiser's noise model
+  double saturation = 0.01;  // tesla, per axis; readings at or beyond it are not used
+  std::vector<HallSensorConfiguration> sensors;
+
+  int num_sensors() const;
+  // The list, or the grid spelled out.
+  std::vector<HallSensorConfiguration> resolved_sensors() const;
+  void check() const;
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("rows", rows, between(1, 256));
+    v("cols", cols, between(1, 256));
+    v("pitch", pitch, positive(Dimension::kLength));
+    v("z", z, any(Dimension::kLength));
+    v("num_axes", num_axes, between(1, 3));
+    v("rate", rate, positive(Dimension::kFrequency));
+    v("noise", noise, positive(Dimension::kMagneticField));
+    v("gain_std", gain_std, not_negative());
+    v("alignment_std", alignment_std, not_negative(Dimension::kAngle));
+    v("offset_std", offset_std, not_negative(Dimension::kMagneticField));
+    v("saturation", saturation, positive(Dimension::kMagneticField));
+    v.list("sensors", sensors);
+  }
+};
+
+struct CoilsConfiguration {
+  // Readings (channel by channel: sensor by sensor, its axes in order) per ampere in each coil, as
+  // `calibrate coils` measures them. Empty: the rig has no coils.
+  Eigen::MatrixXd tesla_per_ampere;
+  double current_noise = 0.002;  // ampere, one sigma
+
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("tesla_per_ampere", tesla_per_ampere, any(Dimension::kFieldPerCurrent));
+    v("current_noise", current_noise, not_negative(Dimension::kCurrent));
+  }
+};
+
+enum class MagneticEstimator {
+  kFullField,         // weighted Levenberg-Marquardt on the readings, background as an unknown
+  kSecondDifference,  // the paper's second-order directional differentiation
+};
+
+struct MagneticLocalizerConfiguration {
+  MagneticEstimator estimator = MagneticEstimator::kFullField;
+  bool estimate_moment = false;   // as one more unknown, with magnet.moment_std as its prior
+  double background_std = 1e-4;   // tesla, one sigma of the uniform background's prior, per axis
+  double max_position_std = 0.005;  // metres: a fix that predicts worse is TOO_FAR
+  double max_axis_std = 0.2;        // radians, likewise
+  double interference_chi2 = 6;     // chi2_per_dof above this is INTERFERENCE
+  double outlier_sigmas = 5;        // channels further off than this are left out, then fitted again
+  double min_channel_fraction = 0.5;  // fewer usable channels than this: SATURATED
+  double max_current_gap = 0.1;       // seconds between coil samples that are still bridged
+  // Readings are searched for the magnet from scratch within this box around the array centre.
+  double search_half_width = 0.15;  // metres, x and y
+  double search_depth = 0.30;       // metres below the array
+
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("estimator", estimator,
+      std::vector<Choice<MagneticEstimator>>{
+          {"full_field", MagneticEstimator::kFullField},
+          {"second_difference", MagneticEstimator::kSecondDifference}});
+    v("estimate_moment", estimate_moment);
+    v("background_std", background_std, positive(Dimension::kMagneticField));
+    v("max_position_std", max_position_std, positive(Dimension::kLength));
+    v("max_axis_std", max_axis_std, positive(Dimension::kAngle));
+    v("interference_chi2", interference_chi2, positive());
+    v("outlier_sigmas", outlier_sigmas, positive());
+    v("min_channel_fraction", min_channel_fraction, between(0, 1));
+    v("max_current_gap", max_current_gap, positive(Dimension::kTime));
+    v("search_half_width", search_half_width, positive(Dimension::kLength));
+    v("search_depth", search_depth, positive(Dimension::kLength));
+  }
+};
+
+// How long an input may lag behind in event time before it counts as silent (architecture.md).
+struct LagConfiguration {
+  double camera = 0.5;  // seconds
+  double hall_array = 0.5;
+  double coil_currents = 0.5;
+  double derived = 1.0;  // outputs of other processes
+
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("camera", camera, positive(Dimension::kTime));
+    v("hall_array", hall_array, positive(Dimension::kTime));
+    v("coil_currents", coil_currents, positive(Dimension::kTime));
+    v("derived", derived, positive(Dimension::kTime));
+  }
+};
+
+struct RigConfiguration {
+  std::string name = "rig";
+  CameraConfiguration camera;
+  LightsConfiguration lights;
+  MagnetConfiguration magnet;
+  TransformConfiguration camera_T_magnet;
+  HallArrayConfiguration hall_array;
+  CoilsConfiguration coils;
+  LagConfiguration lag;
+  MagneticLocalizerConfiguration magnetic_localizer;
+
+  // Throws std::invalid_argument where sections contradict each other.
+  void check() const;
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("name", name);
+    v.section("camera", camera);
+    v.section("lights", lights);
+    v.section("magnet", magnet);
+    v.section("camera_T_magnet", camera_T_magnet);
+    v.section("hall_array", hall_array);
+    v.section("coils", coils);
+    v.section("lag", lag);
+    v.section("magnetic_localizer", magnetic_localizer);
+  }
+};
+
+// Files (later ones override earlier ones, key by key), then "a.b=c" settings. Throws
+// ConfigurationError.
+RigConfiguration load_rig_configuration(const std::vector<std::string>& files,
+                                        const std::vector<std::string>& settings);
+// From the text that RIG_CONFIG carries.
+RigConfiguration parse_rig_configuration(const std::string& yaml, const std::string& name,
+                                         const std::vector<std::string>& settings = {});
+
+}  // namespace gastronaut

@@ -1,0 +1,33 @@
+// What a process is: an object that is given a Bus and a configuration, subscribes in its
+// constructor and from then on only answers events. The same object runs live, on a log, in replay
+// and in tests.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "bus/bus.hpp"
+#include "configuration/rig_configuration.hpp"
+
+namespace gastronaut {
+
+class Process {
+ public:
+  virtual ~Process() = default;
+  // After the last event: publish what is still held back.
+  virtual void finish() {}
+};
+
+struct ProcessDescription {
+  std::string name;     // the folder's
+  std::string summary;  // one sentence for --help
+  std::function<std::unique_ptr<Process>(Bus&, const RigConfiguration&)> create;
+};
+
+// The command line of architecture.md, live or on a log: --config --set --lcm-url --log-in
+// --log-out --threads --version --help. Returns the exit status: 0 done, 1 failed while running,
+// 2 wrong usage or configuration.
+int run_process(int argc, char** argv, const ProcessDescription& description);
+
+}  // namespace gastronaut
