@@ -96,10 +96,17 @@ std::optional<EventOrder::Event> EventOrder::drain() {
 }
 
 std::size_t EventOrder::keep_newest(int number) {
+  // Up to here every live input has passed.
+  std::optional<std::int64_t> passed = newest_;
+  for (const Input& input : inputs_) {
+    if (!silent(input)) passed = std::min(passed, input.newest);
+  }
   auto& queue = inputs_[static_cast<std::size_t>(number)].queue;
-  if (queue.size() <= 1) return 0;
-  const std::size_t dropped = queue.size() - 1;
-  queue.erase(queue.begin(), queue.end() - 1);
+  std::size_t dropped = 0;
+  while (queue.size() > 1 && passed && queue[1].utime <= *passed) {
+    queue.pop_front();
+    ++dropped;
+  }
   return dropped;
 }
 

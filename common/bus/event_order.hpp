@@ -36,8 +36,8 @@ class EventOrder {
   // The next event whether or not inputs are waited for: for the end of a log, or of a process.
   std::optional<Event> drain();
 
-  // Drops queued events of the input but the newest one; returns how many. For inputs where a slow
-  // reader wants the present, not the past.
+  // Of the input's events whose turn has come, drops all but the newest; returns how many. For
+  // inputs where a slow reader wants the present, not the past.
   std::size_t keep_newest(int input);
 
   // Name of the live input that the oldest event waits for; empty when nothing waits.

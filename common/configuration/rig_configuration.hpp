@@ -44,6 +44,11 @@ struct CameraConfiguration {
   double exposure_gain = 1;
   double led_intensity = 2.2e-4;  // square metres: unit albedo at distance d gives this / d^2
   double vignetting_cos_power = 1;
+  // The picture's metadata "gain" multiplies exposure_gain; without auto-exposure it is 1.
+  bool auto_exposure = false;
+  // One sigma of the linear light's noise, full scale being 1: sqrt(read_noise^2 + shot_noise^2 L).
+  double read_noise = 0.002;
+  double shot_noise = 0.01;
   double metres_per_depth_count = 5e-5;
 
   CameraIntrinsics intrinsics() const;
@@ -65,6 +70,9 @@ struct CameraConfiguration {
     v("exposure_gain", exposure_gain, positive());
     v("led_intensity", led_intensity, positive());
     v("vignetting_cos_power", vignetting_cos_power, not_negative());
+    v("auto_exposure", auto_exposure);
+    v("read_noise", read_noise, not_negative());
+    v("shot_noise", shot_noise, not_negative());
     v("metres_per_depth_count", metres_per_depth_count, positive(Dimension::kLength));
   }
 };

@@ -6,6 +6,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "bus/bus.hpp"
 #include "configuration/rig_configuration.hpp"
@@ -22,6 +23,7 @@ class Process {
 struct ProcessDescription {
   std::string name;     // the folder's
   std::string summary;  // one sentence for --help
+  std::vector<std::string> outputs;  // channels it publishes: on a log they replace the log's own
   std::function<std::unique_ptr<Process>(Bus&, const RigConfiguration&)> create;
 };
 
