@@ -79,7 +79,8 @@ std::string Bus::describe_health() const {
   const auto add = [&text](const std::string& more) { text += (text.empty() ? "" : "; ") + more; };
   for (const Input& input : inputs_) {
     if (input.bad > 0) {
-      add(input.channel + ": " + std::to_string(input.bad) + " corrupt or foreign messages dropped");
+      add(input.channel + ": " + std::to_string(input.bad) +
+          " corrupt or foreign messages dropped");
     }
   }
   for (const std::string& name : order_.silent_inputs()) {

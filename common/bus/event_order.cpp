@@ -21,8 +21,8 @@ int EventOrder::add_input(std::string name, std::int64_t lag) {
 EventOrder::PushResult EventOrder::push(int number, std::int64_t utime, Action handle) {
   Input& input = inputs_[static_cast<std::size_t>(number)];
   if (newest_ && utime > *newest_ && utime - *newest_ > kLongestPause) {
-    const bool confirmed = input.suspect && utime >= *input.suspect &&
-                           utime - *input.suspect <= kLongestPause;
+    const bool confirmed =
+        input.suspect && utime >= *input.suspect && utime - *input.suspect <= kLongestPause;
     if (!confirmed) {
       input.suspect = utime;
       return PushResult::kImplausible;
@@ -49,9 +49,9 @@ bool EventOrder::silent(const Input& input) const {
   if (!newest_) return false;
   // Differences of utimes as unsigned: a corrupt utime may be anywhere in the range.
   const std::int64_t reached = std::max(input.newest.value_or(*first_), *first_);
-  return *newest_ > reached && static_cast<std::uint64_t>(*newest_) -
-                                       static_cast<std::uint64_t>(reached) >
-                                   static_cast<std::uint64_t>(input.lag);
+  return *newest_ > reached &&
+         static_cast<std::uint64_t>(*newest_) - static_cast<std::uint64_t>(reached) >
+             static_cast<std::uint64_t>(input.lag);
 }
 
 std::optional<std::size_t> EventOrder::oldest() const {

@@ -61,7 +61,7 @@ class EventOrder {
   Event take(std::size_t input);
 
   std::vector<Input> inputs_;
-  std::optional<std::int64_t> first_;   // utime of the first event ever: silence counts from here
+  std::optional<std::int64_t> first_;  // utime of the first event ever: silence counts from here
   std::optional<std::int64_t> newest_;
   std::int64_t last_utime_ = 0;  // of the event handed out last
   std::size_t last_input_ = 0;

@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "bus/host_check.hpp"
+#include "bus/wall_clock.hpp"
 
 namespace gastronaut {
 namespace {
@@ -15,12 +16,6 @@ constexpr std::int64_t kLatencyWindow = 10'000'000;  // microseconds
 // liblcm drops in silence what does not fit its own queue. Ours has no limit and its drops are
 // counted, so the library's only bridges the moment until the receiver thread runs.
 constexpr int kLibraryQueue = 2000;
-
-std::int64_t wall_microseconds() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
 
 }  // namespace
 
@@ -100,8 +95,9 @@ void LcmBus::run(const std::atomic<bool>& stop, const std::function<void()>& tic
 }
 
 void LcmBus::drain() {
-  // What the library still holds: two polls find an empty queue when nothing more comes in.
-  while (lcm_.handleTimeout(static_cast<int>(kPoll.count())) > 0) {
+  // What the library still holds; a source that goes on sending must not keep us here.
+  const auto deadline = std::chrono::steady_clock::now() + kPoll;
+  while (lcm_.handleTimeout(0) > 0 && std::chrono::steady_clock::now() < deadline) {
   }
   take_inbox();
   while (handle_remaining()) {
@@ -113,7 +109,7 @@ void LcmBus::send(const std::string& channel, std::vector<std::uint8_t> payload,
   if (lcm_.publish(channel, payload.data(), static_cast<unsigned>(payload.size())) != 0) {
     set_health(ProcessState::kDegraded, "LCM could not publish on " + channel);
   }
-  const std::int64_t now = wall_microseconds();
+  const std::int64_t now = wall_utime();
   latencies_.emplace_back(now, static_cast<double>(now - utime) * 1e-6);
   while (!latencies_.empty() && latencies_.front().first < now - kLatencyWindow) {
     latencies_.pop_front();

@@ -56,8 +56,9 @@ std::optional<LogReader::Event> LogReader::next() {
   const std::uint64_t end = offset_ + kHeaderSize + channel_length + data_length;
   if (end > size_) return damaged("the event reaches beyond the end of the file");
   Event event;
-  event.log_utime = static_cast<std::int64_t>(
-      (std::uint64_t{big_endian(&header[kTimestampAt])} << 32) | big_endian(&header[kTimestampAt + 4]));
+  event.log_utime =
+      static_cast<std::int64_t>((std::uint64_t{big_endian(&header[kTimestampAt])} << 32) |
+                                big_endian(&header[kTimestampAt + 4]));
   event.channel.resize(channel_length);
   payload_.resize(data_length);
   if (std::fread(event.channel.data(), 1, channel_length, file_.get()) != channel_length ||

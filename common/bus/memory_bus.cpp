@@ -28,9 +28,7 @@ void MemoryNetwork::deliver(const std::string& channel, Bytes payload) {
   for (const auto& bus : buses_) bus->receive(channel, payload);
 }
 
-void MemoryNetwork::inject(const std::string& channel, Bytes payload) {
-  deliver(channel, payload);
-}
+void MemoryNetwork::inject(const std::string& channel, Bytes payload) { deliver(channel, payload); }
 
 bool MemoryNetwork::handle(std::size_t process, bool remaining) {
   if (before_event && buses_[process]->pending() > 0) before_event(process);

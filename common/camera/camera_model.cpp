@@ -1,8 +1,8 @@
 #include "camera/camera_model.hpp"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
-#include <Eigen/LU>
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
@@ -29,9 +29,8 @@ Radial radial_factor(const std::array<double, 8>& k, double r2) {
   const double numerator_slope = k[0] + r2 * (2 * k[1] + 3 * r2 * k[4]);
   const double denominator = 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]));
   const double denominator_slope = k[5] + r2 * (2 * k[6] + 3 * r2 * k[7]);
-  return {numerator / denominator,
-          (numerator_slope * denominator - numerator * denominator_slope) /
-              (denominator * denominator)};
+  return {numerator / denominator, (numerator_slope * denominator - numerator * denominator_slope) /
+                                       (denominator * denominator)};
 }
 
 Radial fisheye_angle(const std::array<double, 8>& k, double angle) {
@@ -122,8 +121,8 @@ std::optional<Eigen::Vector2d> CameraModel::project_fisheye(
   Eigen::RowVector3d angle_by_point;
   angle_by_point << direction.transpose() * point.z() / squared, -radius / squared;
   jacobian = direction * (distorted.derivative * angle_by_point);
-  jacobian.leftCols<2>() += distorted.value / radius *
-                            (Eigen::Matrix2d::Identity() - direction * direction.transpose());
+  jacobian.leftCols<2>() +=
+      distorted.value / radius * (Eigen::Matrix2d::Identity() - direction * direction.transpose());
   jacobian = focal.asDiagonal() * jacobian;
   return focal.cwiseProduct(distorted.value * direction) + centre;
 }

@@ -167,8 +167,8 @@ double FieldReader::number(const YAML::Node& node, const char* key, Constraint c
   unit.erase(0, unit.find_first_not_of(' ') == std::string::npos ? unit.size()
                                                                  : unit.find_first_not_of(' '));
   if (!unit.empty()) {
-    const auto* found = std::find_if(kUnits.begin(), kUnits.end(),
-                                     [&](const Unit& u) { return unit == u.name; });
+    const auto* found =
+        std::find_if(kUnits.begin(), kUnits.end(), [&](const Unit& u) { return unit == u.name; });
     if (found == kUnits.end() || found->dimension != c.dimension) {
       const std::string right = units_of(c.dimension);
       fail(key, "'" + text + "' has the wrong unit: this is " + quantity(c.dimension) +
@@ -267,8 +267,8 @@ void FieldReader::operator()(const char* key, Eigen::MatrixXd& value, Constraint
   Eigen::Index row = 0;
   for (const auto& line : node) {
     if (!line.IsSequence() || static_cast<Eigen::Index>(line.size()) != columns) {
-      fail(key, "row " + std::to_string(row + 1) + " must be a list of " +
-                    std::to_string(columns) + " numbers, as the first row is");
+      fail(key, "row " + std::to_string(row + 1) + " must be a list of " + std::to_string(columns) +
+                    " numbers, as the first row is");
     }
     Eigen::Index column = 0;
     for (const auto& element : line) matrix(row, column++) = number(element, key, constraint);
@@ -289,8 +289,8 @@ void FieldReader::finish() const {
     for (const std::string& name : known_) all += (all.empty() ? "" : ", ") + name;
     constexpr std::size_t kLikelyTypo = 3;
     const bool typo = nearest != known_.end() && edit_distance(*nearest, key) <= kLikelyTypo;
-    fail(key, "unknown key; " +
-                  (typo ? "did you mean '" + *nearest + "'?" : "known here are: " + all));
+    fail(key,
+         "unknown key; " + (typo ? "did you mean '" + *nearest + "'?" : "known here are: " + all));
   }
 }
 
@@ -342,7 +342,8 @@ YamlSource parse_yaml(const std::string& text, const std::string& name) {
   } catch (const YAML::Exception& error) {
     std::ostringstream message;
     message << name << ":";
-    if (!error.mark.is_null()) message << error.mark.line + 1 << ":" << error.mark.column + 1 << ":";
+    if (!error.mark.is_null())
+      message << error.mark.line + 1 << ":" << error.mark.column + 1 << ":";
     message << " not YAML: " << error.msg;
     throw ConfigurationError(message.str());
   }

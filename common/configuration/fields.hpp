@@ -80,7 +80,8 @@ class FieldReader {
   void operator()(const char* key, Enum& value, const std::vector<Choice<Enum>>& choices) {
     std::string word;
     std::string words;
-    for (const auto& choice : choices) words += (words.empty() ? "" : ", ") + std::string(choice.word);
+    for (const auto& choice : choices)
+      words += (words.empty() ? "" : ", ") + std::string(choice.word);
     if (!take(key)) return;
     read_word(key, word);
     for (const auto& choice : choices) {
@@ -222,8 +223,9 @@ void read_configuration(Struct& value, const std::vector<YamlSource>& sources,
     try {
       value.check();
     } catch (const std::invalid_argument& problem) {
-      throw ConfigurationError((sources.empty() ? std::string("configuration") : sources.back().name) +
-                               ": " + problem.what());
+      throw ConfigurationError(
+          (sources.empty() ? std::string("configuration") : sources.back().name) + ": " +
+          problem.what());
     }
   }
 }

@@ -65,8 +65,8 @@ void HallArrayConfiguration::check() const {
                                   std::to_string(num_axes) + " rows of three numbers");
     }
     if (!sensor.offset.empty() && static_cast<int>(sensor.offset.size()) != num_axes) {
-      throw std::invalid_argument(who + ".offset must have num_axes = " +
-                                  std::to_string(num_axes) + " numbers");
+      throw std::invalid_argument(who + ".offset must have num_axes = " + std::to_string(num_axes) +
+                                  " numbers");
     }
   }
 }

@@ -95,8 +95,8 @@ struct LightsConfiguration {
 };
 
 struct MagnetConfiguration {
-  double moment = 0.408;       // A m^2
-  double moment_std = 0.004;   // one sigma of what is known of it; 0: exactly known
+  double moment = 0.408;         // A m^2
+  double moment_std = 0.004;     // one sigma of what is known of it; 0: exactly known
   double outer_radius = 0.0055;  // metres; all three zero: a point dipole
   double inner_radius = 0.003;
   double length = 0.006;
@@ -134,15 +134,15 @@ struct HallSensorConfiguration {
 struct HallArrayConfiguration {
   int rows = 8;
   int cols = 8;
-  double pitch = 0.022;  // metres
-  double z = 0.085;      // metres
-  int num_axes = 3;      // 3 or 1
-  double rate = 100;         // readings a second
-  double noise = 1.5e-6;     // tesla, one sigma of one axis
+  double pitch = 0.022;          // metres
+  double z = 0.085;              // metres
+  int num_axes = 3;              // 3 or 1
+  double rate = 100;             // readings a second
+  double noise = 1.5e-6;         // tesla, one sigma of one axis
   double gain_std = 0.005;       // one sigma of what calibration leaves: relative gain error,
   double alignment_std = 0.005;  // misalignment in radians,
   double offset_std = 1e-6;      // and offset in tesla; part of the localiser's noise model
-  double saturation = 0.01;  // tesla, per axis; readings at or beyond it are not used
+  double saturation = 0.01;      // tesla, per axis; readings at or beyond it are not used
   std::vector<HallSensorConfiguration> sensors;
 
   int num_sensors() const;
@@ -170,12 +170,14 @@ struct CoilsConfiguration {
   // Readings (channel by channel: sensor by sensor, its axes in order) per ampere in each coil, as
   // `calibrate coils` measures them. Empty: the rig has no coils.
   Eigen::MatrixXd tesla_per_ampere;
-  double current_noise = 0.002;  // ampere, one sigma
+  double current_noise = 0.002;        // ampere, one sigma
+  double tesla_per_ampere_std = 2e-8;  // one sigma of what calibration leaves in each entry
 
   template <class Visitor>
   void fields(Visitor& v) {
     v("tesla_per_ampere", tesla_per_ampere, any(Dimension::kFieldPerCurrent));
     v("current_noise", current_noise, not_negative(Dimension::kCurrent));
+    v("tesla_per_ampere_std", tesla_per_ampere_std, not_negative(Dimension::kFieldPerCurrent));
   }
 };
 
@@ -186,14 +188,15 @@ enum class MagneticEstimator {
 
 struct MagneticLocalizerConfiguration {
   MagneticEstimator estimator = MagneticEstimator::kFullField;
-  bool estimate_moment = false;   // as one more unknown, with magnet.moment_std as its prior
-  double background_std = 1e-4;   // tesla, one sigma of the uniform background's prior, per axis
+  bool estimate_moment = false;     // as one more unknown, with magnet.moment_std as its prior
+  double background_std = 1e-4;     // tesla, one sigma of the uniform background's prior, per axis
   double max_position_std = 0.005;  // metres: a fix that predicts worse is TOO_FAR
   double max_axis_std = 0.2;        // radians, likewise
   double interference_chi2 = 6;     // chi2_per_dof above this is INTERFERENCE
-  double outlier_sigmas = 5;        // channels further off than this are left out, then fitted again
-  double min_channel_fraction = 0.5;  // fewer usable channels than this: SATURATED
-  double max_current_gap = 0.1;       // seconds between coil samples that are still bridged
+  double outlier_sigmas = 5;        // sensors further off than this are left out
+  double max_outlier_fraction = 0.15;  // more sensors off than this: the field is foreign
+  double min_channel_fraction = 0.5;   // fewer usable channels than this: SATURATED
+  double max_current_gap = 0.1;        // seconds between coil samples that are still bridged
   // Readings are searched for the magnet from scratch within this box around the array centre.
   double search_half_width = 0.15;  // metres, x and y
   double search_depth = 0.30;       // metres below the array
@@ -210,6 +213,7 @@ struct MagneticLocalizerConfiguration {
     v("max_axis_std", max_axis_std, positive(Dimension::kAngle));
     v("interference_chi2", interference_chi2, positive());
     v("outlier_sigmas", outlier_sigmas, positive());
+    v("max_outlier_fraction", max_outlier_fraction, between(0, 0.5));
     v("min_channel_fraction", min_channel_fraction, between(0, 1));
     v("max_current_gap", max_current_gap, positive(Dimension::kTime));
     v("search_half_width", search_half_width, positive(Dimension::kLength));

@@ -8,8 +8,8 @@ namespace gastronaut {
 
 double octupole_ratio(const AxialMagnetShape& shape) {
   const double half_length = shape.length / 2;
-  return half_length * half_length - 0.75 * (shape.outer_radius * shape.outer_radius +
-                                             shape.inner_radius * shape.inner_radius);
+  return half_length * half_length -
+         0.75 * (shape.outer_radius * shape.outer_radius + shape.inner_radius * shape.inner_radius);
 }
 
 // With m the moment vector, M its norm, d the offset, r its norm and s = m.d / M, the octupole's
@@ -24,8 +24,8 @@ Eigen::Vector3d axial_magnet_field(const Eigen::Vector3d& d, const Eigen::Vector
   const double r7 = r5 * r2;
   const double along_axis = 1.5 / r5 - 7.5 * s * s / r7;
   const double along_offset = (17.5 * s * s * s / r2 - 7.5 * s) / r7;
-  return dipole_field(d, moment) + kMagneticConstantOver4Pi * q *
-                                       (along_axis * moment + magnitude * along_offset * d);
+  return dipole_field(d, moment) +
+         kMagneticConstantOver4Pi * q * (along_axis * moment + magnitude * along_offset * d);
 }
 
 AxialMagnetDerivatives axial_magnet_derivatives(const Eigen::Vector3d& d,
@@ -53,9 +53,9 @@ AxialMagnetDerivatives axial_magnet_derivatives(const Eigen::Vector3d& d,
       (52.5 * s2 / r9 - 7.5 / r7) * axis.transpose() +
       (-157.5 * s2 * s / r11 + 52.5 * s / r9) * d.transpose();
   const double scale = kMagneticConstantOver4Pi * q;
-  result.by_offset += scale * magnitude *
-                      (axis * along_axis_by_offset + d * along_offset_by_offset +
-                       along_offset * identity);
+  result.by_offset +=
+      scale * magnitude *
+      (axis * along_axis_by_offset + d * along_offset_by_offset + along_offset * identity);
   // The moment acts through its magnitude (linear) and through the axis (s = axis . d).
   const Eigen::Vector3d shape = along_axis * axis + along_offset * d;
   const Eigen::Matrix3d axis_by_moment = (identity - axis * axis.transpose()) / magnitude;

@@ -37,6 +37,7 @@ int run_command_line(CLI::App& app, int argc, char** argv, const std::function<i
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? kExitDone : kExitUsage;
   }
+  spdlog::drop(app.get_name());  // of an earlier call in the same program, as tests make them
   auto logger = spdlog::stderr_color_mt(app.get_name());
   logger->set_pattern("%^%l%$ %n: %v");
   spdlog::set_default_logger(std::move(logger));

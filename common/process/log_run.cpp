@@ -1,7 +1,5 @@
 #include "process/log_run.hpp"
 
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <chrono>
 #include <optional>
@@ -11,6 +9,7 @@
 #include "bus/log_file.hpp"
 #include "bus/memory_bus.hpp"
 #include "process/channels.hpp"
+#include "process/usage.hpp"
 #include "process/version.hpp"
 
 namespace gastronaut {
@@ -52,16 +51,10 @@ double quantile(const std::vector<double>& sorted, double q) {
   return sorted[static_cast<std::size_t>(q * static_cast<double>(sorted.size() - 1))];
 }
 
-double cpu_seconds(const timeval& user, const timeval& system) {
-  return static_cast<double>(user.tv_sec + system.tv_sec) +
-         1e-6 * static_cast<double>(user.tv_usec + system.tv_usec);
-}
-
 }  // namespace
 
 LogRunResult run_on_log(const std::vector<ProcessDescription>& descriptions,
-                        const LogRunOptions& options,
-                        const std::function<void(double)>& progress) {
+                        const LogRunOptions& options, const std::function<void(double)>& progress) {
   const Clock::time_point start = Clock::now();
   const RigConfiguration configuration = configuration_for(options);
   const std::string effective_yaml = write_configuration(configuration);
@@ -130,10 +123,8 @@ LogRunResult run_on_log(const std::vector<ProcessDescription>& descriptions,
   result.log_seconds =
       first_log_utime ? static_cast<double>(log_utime - *first_log_utime) * 1e-6 : 0;
   result.wall_seconds = std::chrono::duration<double>(Clock::now() - start).count();
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  result.cpu_seconds = cpu_seconds(usage.ru_utime, usage.ru_stime);
-  result.peak_resident_bytes = std::int64_t{usage.ru_maxrss} * 1024;
+  result.cpu_seconds = cpu_seconds();
+  result.peak_resident_bytes = peak_resident_bytes();
   for (std::size_t i = 0; i < descriptions.size(); ++i) {
     std::vector<double>& sorted = durations[i];
     std::sort(sorted.begin(), sorted.end());

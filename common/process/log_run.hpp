@@ -31,7 +31,7 @@ struct ProcessTiming {
 struct LogRunResult {
   std::int64_t events_read = 0;
   std::int64_t messages_derived = 0;
-  double log_seconds = 0;   // span of recorded time
+  double log_seconds = 0;  // span of recorded time
   double wall_seconds = 0;
   double cpu_seconds = 0;
   std::int64_t peak_resident_bytes = 0;

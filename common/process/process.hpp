@@ -21,8 +21,8 @@ class Process {
 };
 
 struct ProcessDescription {
-  std::string name;     // the folder's
-  std::string summary;  // one sentence for --help
+  std::string name;                  // the folder's
+  std::string summary;               // one sentence for --help
   std::vector<std::string> outputs;  // channels it publishes: on a log they replace the log's own
   std::function<std::unique_ptr<Process>(Bus&, const RigConfiguration&)> create;
 };

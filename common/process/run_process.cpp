@@ -1,32 +1,25 @@
-#include <sys/resource.h>
-#include <unistd.h>
-
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <array>
 #include <chrono>
-#include <fstream>
 #include <memory>
 
 #include "bus/host_check.hpp"
 #include "bus/lcm_bus.hpp"
+#include "bus/wall_clock.hpp"
 #include "numerics/parallel.hpp"
 #include "process/channels.hpp"
 #include "process/command_line.hpp"
 #include "process/log_run.hpp"
 #include "process/process.hpp"
 #include "process/progress.hpp"
+#include "process/usage.hpp"
 #include "process/version.hpp"
 
 namespace gastronaut {
 namespace {
-
-std::int64_t wall_microseconds() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
 
 // Fills PROCESS_STATUS once a second.
 class StatusReporter {
@@ -49,14 +42,10 @@ class StatusReporter {
 
  private:
   void report(double elapsed) {
-    rusage usage{};
-    getrusage(RUSAGE_SELF, &usage);
-    const double cpu =
-        static_cast<double>(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
-        1e-6 * static_cast<double>(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
+    const double cpu = cpu_seconds();
     const BusCounters& counters = bus_.counters();
     const LcmBus::Latency latency = bus_.latency();
-    status_.utime = wall_microseconds();
+    status_.utime = wall_utime();
     status_.state = static_cast<std::int8_t>(bus_.state());
     status_.message = bus_.describe_health();
     status_.received = counters.received;
@@ -70,14 +59,6 @@ class StatusReporter {
     status_.resident_bytes = resident_bytes();
     last_cpu_ = cpu;
     bus_.publish_status(channel::kProcessStatus, status_);
-  }
-
-  static std::int64_t resident_bytes() {
-    std::ifstream statm("/proc/self/statm");
-    std::int64_t total = 0;
-    std::int64_t resident = 0;
-    statm >> total >> resident;
-    return resident * sysconf(_SC_PAGESIZE);
   }
 
   LcmBus& bus_;
@@ -115,8 +96,8 @@ int run_live(const ProcessDescription& description, const Options& options) {
 
 int run_log(const ProcessDescription& description, const Options& options) {
   Progress progress(description.name);
-  const LogRunResult result = run_on_log({description}, options.log,
-                                         [&progress](double f) { progress.update(f); });
+  const LogRunResult result =
+      run_on_log({description}, options.log, [&progress](double f) { progress.update(f); });
   if (!result.damage.empty()) spdlog::warn("{}; everything before it was used", result.damage);
   const ProcessTiming& timing = result.processes.front();
   if (!timing.health.empty()) spdlog::warn("{}", timing.health);

@@ -59,7 +59,7 @@ TEST_P(CameraModelTest, UnprojectInvertsProject) {
 
 TEST_P(CameraModelTest, JacobianMatchesFiniteDifference) {
   const CameraModel camera(GetParam());
-  constexpr double kStep = 1e-8;     // metres
+  constexpr double kStep = 1e-8;      // metres
   constexpr double kRelative = 1e-4;  // truncation and rounding of the difference
   for (std::uint64_t i = 0; i < 20; ++i) {
     const Eigen::Vector3d point = point_in_view(i);

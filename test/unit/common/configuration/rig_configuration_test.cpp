@@ -71,7 +71,8 @@ TEST(RigConfiguration, ImpossibleValueSaysWhatWouldBeRight) {
   EXPECT_THAT(error_of("camera: {fx: .nan}\n"), HasSubstr("is not a plain number"));
   EXPECT_THAT(error_of("hall_array: {rows: 2.5}\n"), HasSubstr("whole number"));
   EXPECT_THAT(error_of("hall_array: {num_axes: 2}\n"), HasSubstr("must be 1 or 3"));
-  EXPECT_THAT(error_of("camera_T_magnet: {rotation: [1, 1, 0, 0]}\n"), HasSubstr("unit quaternion"));
+  EXPECT_THAT(error_of("camera_T_magnet: {rotation: [1, 1, 0, 0]}\n"),
+              HasSubstr("unit quaternion"));
   EXPECT_THAT(error_of("camera: {cx: 5000}\n"), HasSubstr("principal point"));
   EXPECT_THAT(error_of("camera: {model: pinhole}\n"), HasSubstr("radial_tangential, fisheye"));
   EXPECT_THAT(error_of("coils: {tesla_per_ampere: [[1, 2]]}\n"), HasSubstr("192 channels"));
