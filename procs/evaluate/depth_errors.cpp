@@ -1,0 +1,158 @@
+#include "evaluate/depth_errors.hpp"
+
+#include <zstd.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <opencv2/imgcodecs.hpp>
+
+namespace gastronaut::evaluation {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "counts are copied as they are");
+
+// Big-endian 32-bit number of a PNG header.
+std::uint32_t png_number(std::span<const std::uint8_t> data, std::size_t at) {
+  return (std::uint32_t{data[at]} << 24) | (std::uint32_t{data[at + 1]} << 16) |
+         (std::uint32_t{data[at + 2]} << 8) | data[at + 3];
+}
+
+bool decode_png(std::span<const std::uint8_t> data, int width, int height,
+                std::vector<std::uint16_t>& counts) {
+  // The size is checked in the header, before the decoder allocates for it.
+  constexpr std::size_t kWidthAt = 16;
+  constexpr std::size_t kHeightAt = 20;
+  constexpr std::size_t kHeaderEnd = 24;
+  if (data.size() < kHeaderEnd || png_number(data, kWidthAt) != static_cast<unsigned>(width) ||
+      png_number(data, kHeightAt) != static_cast<unsigned>(height)) {
+    return false;
+  }
+  const cv::Mat bytes(1, static_cast<int>(data.size()), CV_8U,
+                      const_cast<std::uint8_t*>(data.data()));  // Mat takes no const; only read
+  cv::Mat picture;
+  try {
+    picture = cv::imdecode(bytes, cv::IMREAD_UNCHANGED);
+  } catch (const cv::Exception&) {
+    return false;
+  }
+  if (picture.type() != CV_16UC1 || picture.cols != width || picture.rows != height) return false;
+  counts.assign(picture.begin<std::uint16_t>(), picture.end<std::uint16_t>());
+  return true;
+}
+
+float median(std::vector<float>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+double ratio(double sum, std::size_t count) { return sum / static_cast<double>(count); }
+
+}  // namespace
+
+std::optional<std::vector<std::uint16_t>> decode_depth_counts(DepthEncoding encoding,
+                                                              std::span<const std::uint8_t> data,
+                                                              int width, int height) {
+  constexpr int kLargestSide = 16384;
+  if (width <= 0 || height <= 0 || width > kLargestSide || height > kLargestSide) {
+    return std::nullopt;
+  }
+  const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  std::vector<std::uint16_t> counts;
+  switch (encoding) {
+    case DepthEncoding::kRaw:
+      if (data.size() != 2 * pixels) return std::nullopt;
+      counts.resize(pixels);
+      std::memcpy(counts.data(), data.data(), data.size());
+      return counts;
+    case DepthEncoding::kPng:
+      if (!decode_png(data, width, height, counts)) return std::nullopt;
+      return counts;
+    case DepthEncoding::kZstd:
+      if (ZSTD_getFrameContentSize(data.data(), data.size()) != 2 * pixels) return std::nullopt;
+      counts.resize(pixels);
+      if (ZSTD_decompress(counts.data(), 2 * pixels, data.data(), data.size()) != 2 * pixels) {
+        return std::nullopt;
+      }
+      return counts;
+  }
+  return std::nullopt;
+}
+
+DepthErrors& DepthErrors::operator+=(const DepthErrors& other) {
+  truth_pixels += other.truth_pixels;
+  compared_pixels += other.compared_pixels;
+  sum_absolute += other.sum_absolute;
+  sum_squared += other.sum_squared;
+  sum_relative += other.sum_relative;
+  sum_absolute_scaled += other.sum_absolute_scaled;
+  return *this;
+}
+
+double DepthErrors::coverage() const {
+  return ratio(static_cast<double>(compared_pixels), truth_pixels);
+}
+double DepthErrors::mean_absolute() const { return ratio(sum_absolute, compared_pixels); }
+double DepthErrors::rmse() const { return std::sqrt(ratio(sum_squared, compared_pixels)); }
+double DepthErrors::mean_relative() const { return ratio(sum_relative, compared_pixels); }
+double DepthErrors::mean_absolute_scaled() const {
+  return ratio(sum_absolute_scaled, compared_pixels);
+}
+
+std::vector<float> resample_like(const DepthPicture& estimate, const DepthPicture& truth) {
+  const auto nearest = [](double ray, double focal_length, double centre, int size) {
+    const double pixel = std::round(focal_length * ray + centre);
+    return pixel >= 0 && pixel < size ? static_cast<int>(pixel) : -1;
+  };
+  std::vector<int> columns(static_cast<std::size_t>(truth.width));
+  for (std::size_t u = 0; u < columns.size(); ++u) {
+    columns[u] = nearest((static_cast<double>(u) - truth.cx) / truth.fx, estimate.fx, estimate.cx,
+                         estimate.width);
+  }
+  std::vector<float> result;
+  result.reserve(truth.depth.size());
+  for (int v = 0; v < truth.height; ++v) {
+    const int row = nearest((v - truth.cy) / truth.fy, estimate.fy, estimate.cy, estimate.height);
+    for (const int column : columns) {
+      result.push_back(row < 0 || column < 0
+                           ? 0.0F
+                           : estimate.depth[static_cast<std::size_t>(row) *
+                                                static_cast<std::size_t>(estimate.width) +
+                                            static_cast<std::size_t>(column)]);
+    }
+  }
+  return result;
+}
+
+DepthErrors compare_depth(const DepthPicture& estimate, const DepthPicture& truth) {
+  const std::vector<float> resampled = resample_like(estimate, truth);
+  DepthErrors errors;
+  std::vector<float> estimated;
+  std::vector<float> expected;
+  for (std::size_t i = 0; i < resampled.size(); ++i) {
+    if (truth.depth[i] <= 0) continue;
+    ++errors.truth_pixels;
+    if (resampled[i] <= 0) continue;
+    estimated.push_back(resampled[i]);
+    expected.push_back(truth.depth[i]);
+  }
+  errors.compared_pixels = estimated.size();
+  if (estimated.empty()) return errors;
+  std::vector<float> sorted = estimated;
+  const double estimated_median = median(sorted);
+  sorted = expected;
+  errors.scale = median(sorted) / estimated_median;
+  for (std::size_t i = 0; i < estimated.size(); ++i) {
+    const double error = static_cast<double>(estimated[i]) - static_cast<double>(expected[i]);
+    errors.sum_absolute += std::abs(error);
+    errors.sum_squared += error * error;
+    errors.sum_relative += std::abs(error) / static_cast<double>(expected[i]);
+    errors.sum_absolute_scaled +=
+        std::abs(errors.scale * static_cast<double>(estimated[i]) - static_cast<double>(expected[i]));
+  }
+  return errors;
+}
+
+}  // namespace gastronaut::evaluation

@@ -1,0 +1,148 @@
+#include "evaluate/evaluate.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+
+#include "configuration/fields.hpp"
+#include "evaluate/log_evaluation.hpp"
+#include "evaluate/report.hpp"
+#include "evaluate/trajectory_comparison.hpp"
+#include "process/command_line.hpp"
+
+namespace gastronaut {
+namespace {
+
+using evaluation::Metrics;
+
+struct Options {
+  std::string log;
+  std::string out;
+  std::string surface;
+  bool open = false;
+  evaluation::TrajectoryComparison comparison;
+};
+
+void make_folder(const std::string& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error || !std::filesystem::is_directory(folder)) {
+    throw std::runtime_error(folder + " cannot be made a folder: " + error.message());
+  }
+}
+
+// The figures that one looks at first.
+void print_summary(const Metrics& metrics) {
+  const auto ends_with_one_of = [](const std::string& key) {
+    for (const char* end :
+         {".with_truth", ".availability", ".ate.none.rmse", ".ate.se3.rmse", ".ate.sim3.rmse",
+          ".axis_error_deg.mean", ".rotation_error_deg.mean", ".nees.mean", ".nees.band_low",
+          ".nees.band_high", ".cramer_rao.position_ratio", ".cramer_rao.axis_ratio", ".mean_abs",
+          ".ms_per_event.median", ".ms_per_event.p99"}) {
+      if (key.ends_with(end)) return true;
+    }
+    return false;
+  };
+  for (const auto& [key, value] : metrics.list()) {
+    if (key.starts_with("note.")) {
+      spdlog::warn("{}", std::get<std::string>(value));
+    } else if (ends_with_one_of(key)) {
+      std::visit(
+          [&name = key](const auto& v) { fmt::print("{:<48} {}\n", name, v); }, value);
+    }
+  }
+}
+
+void open_report(const std::string& page) {
+  setenv("GASTRONAUT_PAGE", page.c_str(), 1);  // not through the shell's quoting
+  if (std::system("xdg-open \"$GASTRONAUT_PAGE\"") != 0) {
+    spdlog::warn("no browser could be started; open {} yourself", page);
+  }
+}
+
+int finish_report(const Options& options) {
+  evaluation::draw_report(options.out, options.surface);
+  const std::string page = options.out + "/index.html";
+  fmt::print("report: {}\n", page);
+  if (options.open) open_report(page);
+  return kExitDone;
+}
+
+int score_log(const Options& options) {
+  make_folder(options.out);
+  print_summary(evaluation::evaluate_log(options.log, options.out));
+  return finish_report(options);
+}
+
+int score_trajectories(const Options& options) {
+  evaluation::ComparedTrajectories compared;
+  try {
+    compared = evaluation::compare_trajectories(options.comparison);
+  } catch (const std::invalid_argument& error) {
+    throw ConfigurationError(error.what());
+  }
+  std::fputs(evaluation::describe(options.comparison, compared).c_str(), stdout);
+  if (options.out.empty()) return kExitDone;
+  make_folder(options.out);
+  evaluation::write_comparison(options.comparison, compared, options.out);
+  return finish_report(options);
+}
+
+}  // namespace
+
+int run_evaluate(int argc, char** argv) {
+  CLI::App app(
+      "Scores the poses and pictures of a derived log against the ground truth in it, into a\n"
+      "folder with index.html, metrics.json, trajectories and series.\n\n"
+      "Example: evaluate derived.lcmlog --out report/",
+      "evaluate");
+  Options options;
+  app.add_option("log", options.log, "log that replay or a process wrote")
+      ->check(CLI::ExistingFile);
+  app.add_option("--out", options.out, "folder of the report, made where missing");
+  app.add_option("--surface", options.surface, "true surface (PLY), drawn with the trajectories")
+      ->check(CLI::ExistingFile);
+  app.add_flag("--open", options.open, "show the report in the browser");
+
+  CLI::App* trajectories = app.add_subcommand(
+      "trajectories", "scores one trajectory file against another and prints the statistics");
+  evaluation::TrajectoryComparison& comparison = options.comparison;
+  trajectories->add_option("estimate", comparison.estimate)
+      ->required()
+      ->check(CLI::ExistingFile);
+  trajectories->add_option("ground_truth", comparison.truth)
+      ->required()
+      ->check(CLI::ExistingFile);
+  trajectories->add_option("--format", comparison.format, "tum (default) or kitti")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, evaluation::TrajectoryFormat>{
+          {"tum", evaluation::TrajectoryFormat::kTum},
+          {"kitti", evaluation::TrajectoryFormat::kKitti}}));
+  trajectories
+      ->add_option("--max-difference", comparison.max_difference,
+                   "seconds between poses that belong together")
+      ->capture_default_str()
+      ->check(CLI::PositiveNumber);
+  trajectories
+      ->add_option("--rpe-delta", comparison.delta,
+                   "distance of the pairs of relative errors: 5frames, 10m, 5mm, 1s, 5deg")
+      ->capture_default_str();
+  trajectories->add_flag("--all-pairs", comparison.all_pairs,
+                         "a pair starts at every pose, not where the last one ended");
+  trajectories->add_flag("--pairs-from-reference", comparison.pairs_along_truth,
+                         "measure the delta along the true path");
+  trajectories->add_option("--out", options.out, "write a report into this folder too");
+  trajectories->add_flag("--open", options.open, "show the report in the browser");
+
+  return run_command_line(app, argc, argv, [&] {
+    if (trajectories->parsed()) return score_trajectories(options);
+    if (options.log.empty() || options.out.empty()) {
+      throw ConfigurationError("write: evaluate LOG --out FOLDER (see --help)");
+    }
+    return score_log(options);
+  });
+}
+
+}  // namespace gastronaut

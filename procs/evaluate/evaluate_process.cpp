@@ -1,0 +1,367 @@
+#include "evaluate/evaluate_process.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <gastronaut/capsule_state_t.hpp>
+#include <gastronaut/depth_image_t.hpp>
+#include <gastronaut/hall_array_t.hpp>
+#include <gastronaut/magnetic_pose_t.hpp>
+#include <gastronaut/pose_t.hpp>
+#include <gastronaut/rig_config_t.hpp>
+#include <gastronaut/rigid_transform_t.hpp>
+#include <gastronaut/visual_pose_t.hpp>
+#include <limits>
+#include <stdexcept>
+
+#include "bus/log_file.hpp"
+#include "bus/wire.hpp"
+#include "process/channels.hpp"
+
+namespace gastronaut::evaluation {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+// A DEPTH picture and its truth may be this many pictures apart in the log.
+constexpr std::size_t kMaxPendingPictures = 64;
+constexpr std::size_t kMaxExamples = 6;
+
+Eigen::Vector3d vector3(const double (&v)[3]) { return {v[0], v[1], v[2]}; }
+
+// Messages that hold no pose (NaN, or a zero quaternion or axis) become NaN.
+SE3 no_pose() {
+  SE3 pose;
+  pose.translation.setConstant(kNaN);
+  return pose;
+}
+
+SE3 pose_of(const double (&position)[3], const double (&quaternion)[4]) {
+  const Eigen::Quaterniond rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3]);
+  const double norm = rotation.norm();
+  if (!(norm > 0) || !std::isfinite(norm)) return no_pose();
+  return {rotation.normalized(), vector3(position)};
+}
+
+template <int kSize>
+Matrix6d covariance_of(const double (&values)[kSize][kSize]) {
+  Matrix6d covariance = Matrix6d::Zero();
+  for (int row = 0; row < kSize; ++row) {
+    for (int column = 0; column < kSize; ++column) covariance(row, column) = values[row][column];
+  }
+  return covariance;
+}
+
+PoseChannel magnetic_pose_channel() {
+  return {channel::kMagneticPose,
+          PoseKind::kMagnet,
+          5,
+          {{"OK", true},
+           {"NO_FIX", false},
+           {"TOO_FAR", false},
+           {"INTERFERENCE", false},
+           {"SATURATED", false},
+           {"NO_CURRENTS", false}},
+          {},
+          {{"chi2_per_dof", {}},
+           {"residual_rms", {}},
+           {"moment", {}},
+           {"background_x", {}},
+           {"background_y", {}},
+           {"background_z", {}},
+           {"num_channels_used", {}}}};
+}
+
+PoseChannel visual_pose_channel() {
+  return {channel::kVisualPose,
+          PoseKind::kCameraInMap,
+          6,
+          {{"OK", true}, {"DEGRADED", true}, {"LOST", false}, {"RELOCALISED", true}},
+          {},
+          {{"icp_rms", {}}, {"rgb_rms", {}}, {"inlier_fraction", {}}}};
+}
+
+PoseChannel capsule_state_channel() {
+  return {channel::kCapsuleState,
+          PoseKind::kCameraInRig,
+          6,
+          {{"INITIALISING", false}, {"NOMINAL", true}, {"DEGRADED", true}, {"PREDICTING", false}},
+          {},
+          {{"depth_scale", {}}}};
+}
+
+PoseChannel capsule_pose_channel() {
+  return {channel::kCapsulePose, PoseKind::kCameraInRig, 0, {{"OK", true}}, {}, {}};
+}
+
+void append(PoseChannel& target, const PoseFix& fix, std::initializer_list<double> extras) {
+  target.fixes.push_back(fix);
+  auto value = extras.begin();
+  for (ExtraSeries& series : target.extras) series.values.push_back(*value++);
+}
+
+void append(PoseChannel& target, const magnetic_pose_t& message) {
+  const Eigen::Vector3d axis = vector3(message.axis);
+  const double norm = axis.norm();
+  PoseFix fix{message.utime, message.status, no_pose(), covariance_of(message.covariance)};
+  if (norm > 0 && std::isfinite(norm)) {
+    fix.pose = {Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), axis),
+                vector3(message.position)};
+  }
+  append(target, fix,
+         {message.chi2_per_dof, message.residual_rms, message.moment, message.background[0],
+          message.background[1], message.background[2],
+          static_cast<double>(message.num_channels_used)});
+}
+
+void append(PoseChannel& target, const visual_pose_t& message) {
+  append(target,
+         {message.utime, message.status, pose_of(message.position, message.orientation),
+          covariance_of(message.covariance)},
+         {message.icp_rms, message.rgb_rms, message.inlier_fraction});
+}
+
+void append(PoseChannel& target, const capsule_state_t& message) {
+  append(target,
+         {message.utime, message.status, pose_of(message.position, message.orientation),
+          covariance_of(message.covariance)},
+         {message.depth_scale});
+}
+
+void append(PoseChannel& target, const pose_t& message) {
+  append(target, {message.utime, 0, pose_of(message.pos, message.orientation), {}}, {});
+}
+
+std::optional<DepthPicture> decode_depth(const depth_image_t& message) {
+  DepthEncoding encoding = DepthEncoding::kRaw;
+  switch (message.encoding) {
+    case depth_image_t::ENCODING_RAW:
+      break;
+    case depth_image_t::ENCODING_PNG:
+      encoding = DepthEncoding::kPng;
+      break;
+    case depth_image_t::ENCODING_ZSTD:
+      encoding = DepthEncoding::kZstd;
+      break;
+    default:
+      return std::nullopt;
+  }
+  const auto counts = decode_depth_counts(encoding, message.data, message.width, message.height);
+  if (!counts || !(message.fx > 0) || !(message.fy > 0)) return std::nullopt;
+  DepthPicture picture{message.width, message.height, message.fx, message.fy,
+                       message.cx,    message.cy,     {}};
+  for (const std::uint16_t count : *counts) {
+    picture.depth.push_back(static_cast<float>(count * message.metres_per_count));
+  }
+  return picture;
+}
+
+// Keeps a few pictures evenly spread over a log of unknown length: when there are too many, every
+// other one goes, and from then on only every other new one is taken.
+class ExampleKeeper {
+ public:
+  explicit ExampleKeeper(std::vector<DepthExample>& examples) : examples_(examples) {}
+  bool wanted() { return number_++ % stride_ == 0; }
+  void keep(DepthExample example) {
+    examples_.push_back(std::move(example));
+    if (examples_.size() < 2 * kMaxExamples) return;
+    for (std::size_t i = 1; i < kMaxExamples; ++i) examples_[i] = std::move(examples_[2 * i]);
+    examples_.resize(kMaxExamples);
+    stride_ *= 2;
+  }
+
+ private:
+  std::vector<DepthExample>& examples_;
+  std::size_t number_ = 0;
+  std::size_t stride_ = 1;
+};
+
+class RunReader {
+ public:
+  RecordedRun read(const std::string& path, const std::function<void(double)>& progress);
+
+ private:
+  void handle(const LogReader::Event& event);
+  void handle_configuration(const rig_config_t& message);
+  void handle_hall(const hall_array_t& message);
+  void handle_depth(depth_image_t message, bool is_truth);
+  void compare(const depth_image_t& estimate, const depth_image_t& truth);
+  void add_notes();
+
+  // Decodes; what is damaged or of another type is counted.
+  template <class Message>
+  std::optional<Message> decode(const LogReader::Event& event) {
+    Message message;
+    if (decode_message(event.payload, message) == DecodeResult::kOk) return message;
+    ++run_.channels[event.channel].corrupt;
+    return std::nullopt;
+  }
+  template <class Message>
+  void handle_pose(const LogReader::Event& event, PoseChannel& target) {
+    const auto message = decode<Message>(event);
+    if (message) append(target, *message);
+  }
+
+  RecordedRun run_;
+  PoseChannel magnetic_ = magnetic_pose_channel();
+  PoseChannel visual_ = visual_pose_channel();
+  PoseChannel state_ = capsule_state_channel();
+  PoseChannel pose_ = capsule_pose_channel();
+  std::map<std::int64_t, depth_image_t> pending_depth_[2];  // estimates, truth; still encoded
+  std::size_t unmatched_depth_ = 0;
+  std::size_t undecodable_depth_ = 0;
+  ExampleKeeper examples_{run_.depth.examples};
+  std::string configuration_text_;
+  bool configuration_changed_ = false;
+};
+
+void RunReader::handle_configuration(const rig_config_t& message) {
+  if (message.yaml == configuration_text_) return;
+  if (!configuration_text_.empty()) {
+    configuration_changed_ = true;
+    return;
+  }
+  configuration_text_ = message.yaml;
+  run_.configuration_name = message.name;
+  run_.code_version = message.code_version;
+  try {
+    run_.configuration = parse_rig_configuration(message.yaml, "RIG_CONFIG");
+  } catch (const ConfigurationError& error) {
+    run_.notes.push_back(std::string("RIG_CONFIG cannot be used, so nothing that needs the "
+                                     "magnet's place or the array is computed: ") +
+                         error.what());
+  }
+}
+
+void RunReader::handle_hall(const hall_array_t& message) {
+  HallReading reading{message.utime, {}};
+  const double saturation = run_.configuration ? run_.configuration->hall_array.saturation
+                                               : std::numeric_limits<double>::infinity();
+  for (int sensor = 0; sensor < message.num_sensors; ++sensor) {
+    const auto index = static_cast<std::size_t>(sensor);
+    for (int axis = 0; axis < message.num_axes; ++axis) {
+      const float field = message.field[index][static_cast<std::size_t>(axis)];
+      if (message.status[index] != hall_array_t::STATUS_OK || !(std::abs(field) < saturation)) {
+        reading.unusable_channels.push_back(sensor * message.num_axes + axis);
+      }
+    }
+  }
+  run_.hall_readings.push_back(std::move(reading));
+}
+
+void RunReader::handle_depth(depth_image_t message, bool is_truth) {
+  auto& others = pending_depth_[is_truth ? 0 : 1];
+  const auto other = others.find(message.utime);
+  if (other != others.end()) {
+    is_truth ? compare(other->second, message) : compare(message, other->second);
+    others.erase(other);
+    return;
+  }
+  auto& own = pending_depth_[is_truth ? 1 : 0];
+  const std::int64_t utime = message.utime;
+  own[utime] = std::move(message);
+  if (own.size() > kMaxPendingPictures) {
+    own.erase(own.begin());
+    if (!is_truth) ++unmatched_depth_;
+  }
+}
+
+void RunReader::compare(const depth_image_t& estimate, const depth_image_t& truth) {
+  const auto estimated = decode_depth(estimate);
+  const auto expected = decode_depth(truth);
+  if (!estimated || !expected) {
+    ++undecodable_depth_;
+    return;
+  }
+  run_.depth.frames.push_back({estimate.utime, compare_depth(*estimated, *expected)});
+  if (examples_.wanted()) {
+    examples_.keep({estimate.utime, expected->width, expected->height,
+                    resample_like(*estimated, *expected), expected->depth});
+  }
+}
+
+void RunReader::handle(const LogReader::Event& event) {
+  ChannelCount& count = run_.channels[event.channel];
+  ++count.messages;
+  count.bytes += event.payload.size();
+  if (event.channel == channel::kRigConfig) {
+    if (const auto message = decode<rig_config_t>(event)) handle_configuration(*message);
+  } else if (event.channel == channel::kGroundTruthPose) {
+    if (const auto message = decode<rigid_transform_t>(event)) {
+      const SE3 pose = pose_of(message->trans, message->quat);
+      if (pose.translation.allFinite()) run_.truth.add(message->utime, pose);
+    }
+  } else if (event.channel == channel::kHallArray) {
+    if (const auto message = decode<hall_array_t>(event)) handle_hall(*message);
+  } else if (event.channel == channel::kMagneticPose) {
+    handle_pose<magnetic_pose_t>(event, magnetic_);
+  } else if (event.channel == channel::kVisualPose) {
+    handle_pose<visual_pose_t>(event, visual_);
+  } else if (event.channel == channel::kCapsuleState) {
+    handle_pose<capsule_state_t>(event, state_);
+  } else if (event.channel == channel::kCapsulePose) {
+    handle_pose<pose_t>(event, pose_);
+  } else if (event.channel == channel::kDepth || event.channel == channel::kGroundTruthDepth) {
+    if (auto message = decode<depth_image_t>(event)) {
+      handle_depth(std::move(*message), event.channel == channel::kGroundTruthDepth);
+    }
+  }
+}
+
+void RunReader::add_notes() {
+  const auto note = [&](const std::string& text) { run_.notes.push_back(text); };
+  if (!run_.damage.empty()) note(run_.damage + "; everything before it was used");
+  for (const auto& [name, count] : run_.channels) {
+    if (count.corrupt == 0) continue;
+    note(std::to_string(count.corrupt) + " of " + std::to_string(count.messages) +
+         " messages of " + name + " are damaged or of another type and were left out");
+  }
+  if (configuration_text_.empty()) {
+    note("there is no RIG_CONFIG in the log: where the magnet sits in the capsule is unknown, so "
+         "magnetic poses are not compared with the truth");
+  }
+  if (configuration_changed_) {
+    note("RIG_CONFIG changes within the log; the first one was used throughout");
+  }
+  if (run_.truth.empty()) {
+    note("there is no GROUND_TRUTH_POSE in the log: poses are shown, but no errors");
+  }
+  if (run_.pose_channels.empty()) {
+    note("there is no pose channel in the log; was it written by replay?");
+  }
+  unmatched_depth_ += pending_depth_[0].size();
+  if (unmatched_depth_ > 0) {
+    note(std::to_string(unmatched_depth_) + " DEPTH pictures have no GROUND_TRUTH_DEPTH");
+  }
+  if (undecodable_depth_ > 0) {
+    note(std::to_string(undecodable_depth_) + " depth pictures cannot be decoded");
+  }
+}
+
+RecordedRun RunReader::read(const std::string& path, const std::function<void(double)>& progress) {
+  LogReader log(path);
+  std::size_t events = 0;
+  while (const auto event = log.next()) {
+    if (events++ == 0) run_.first_utime = run_.last_utime = event->log_utime;
+    run_.first_utime = std::min(run_.first_utime, event->log_utime);
+    run_.last_utime = std::max(run_.last_utime, event->log_utime);
+    handle(*event);
+    progress(static_cast<double>(log.offset()) / static_cast<double>(log.size()));
+  }
+  run_.damage = log.damage();
+  if (events == 0) {
+    throw std::runtime_error(run_.damage.empty() ? path + " holds no message" : run_.damage);
+  }
+  for (PoseChannel* channel : {&magnetic_, &visual_, &state_, &pose_}) {
+    if (channel->fixes.empty()) continue;
+    run_.pose_channels.push_back(std::move(*channel));
+  }
+  add_notes();
+  return std::move(run_);
+}
+
+}  // namespace
+
+RecordedRun read_run(const std::string& path, const std::function<void(double)>& progress) {
+  return RunReader().read(path, progress);
+}
+
+}  // namespace gastronaut::evaluation

@@ -1,0 +1,68 @@
+// Reads a derived log into what the evaluation needs, and is the only part of it that knows
+// channels and LCM types. Pictures are compared as they come and not kept.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "configuration/rig_configuration.hpp"
+#include "evaluate/depth_errors.hpp"
+#include "evaluate/pose_channel.hpp"
+#include "evaluate/trajectory.hpp"
+
+namespace gastronaut::evaluation {
+
+struct ChannelCount {
+  std::size_t messages = 0;
+  std::uint64_t bytes = 0;
+  std::size_t corrupt = 0;  // damaged, or of another type than the channel's
+};
+
+struct HallReading {
+  std::int64_t utime = 0;
+  std::vector<int> unusable_channels;  // by status or saturation; ascending
+};
+
+struct DepthFrame {
+  std::int64_t utime = 0;
+  DepthErrors errors;
+};
+
+// A pair of pictures for the eye: the estimate resampled to the truth's pixels.
+struct DepthExample {
+  std::int64_t utime = 0;
+  int width = 0;
+  int height = 0;
+  std::vector<float> estimate;  // metres, 0: none
+  std::vector<float> truth;
+};
+
+struct DepthSeries {
+  std::vector<DepthFrame> frames;
+  std::vector<DepthExample> examples;  // a few, evenly spread over the log
+};
+
+struct RecordedRun {
+  std::optional<RigConfiguration> configuration;
+  std::string configuration_name;
+  std::string code_version;  // of the program that wrote RIG_CONFIG
+  std::map<std::string, ChannelCount> channels;
+  std::int64_t first_utime = 0;  // recorded time, microseconds
+  std::int64_t last_utime = 0;
+  std::string damage;            // of the log, with its offset; empty: none
+  TruthTrack truth;              // rig_T_camera
+  std::vector<PoseChannel> pose_channels;  // those with messages
+  std::vector<HallReading> hall_readings;
+  DepthSeries depth;
+  std::vector<std::string> notes;  // what could not be used, and why
+};
+
+// `progress` gets the fraction that is read. Throws std::runtime_error when the log cannot be
+// opened or holds no message at all.
+RecordedRun read_run(const std::string& path, const std::function<void(double)>& progress);
+
+}  // namespace gastronaut::evaluation

@@ -1,0 +1,14 @@
+// From a derived log to a report folder.
+#pragma once
+
+#include <string>
+
+#include "evaluate/metrics.hpp"
+
+namespace gastronaut::evaluation {
+
+// Writes all of the report but the plots into the existing `folder` and returns the figures, with
+// what could not be evaluated as note.1, note.2 and so on. Throws std::runtime_error.
+Metrics evaluate_log(const std::string& log, const std::string& folder);
+
+}  // namespace gastronaut::evaluation

@@ -1,0 +1,80 @@
+// What one pose channel of a log says, against the ground truth.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "evaluate/metrics.hpp"
+#include "evaluate/trajectory.hpp"
+#include "geometry/se3.hpp"
+
+namespace gastronaut::evaluation {
+
+enum class PoseKind {
+  kMagnet,          // 5-DoF rig_T_magnet, the rotation about the magnet's z axis being arbitrary;
+                    // covariance: position, two rotations about perpendicular_basis(axis)
+  kCameraInRig,     // rig_T_camera; covariance: translation (rig frame), rotation (camera frame)
+  kCameraInMap,     // map_T_camera, compared after SE(3) alignment; covariance: translation and
+                    // rotation, both in the camera frame
+};
+
+struct PoseFix {
+  std::int64_t utime = 0;  // microseconds
+  std::int8_t status = 0;  // index into the channel's statuses
+  SE3 pose;                // NaN where the message held none
+  Matrix6d covariance = Matrix6d::Zero();  // the channel's degrees of freedom, top left
+};
+
+struct PoseStatus {
+  const char* name;
+  bool usable;  // the fix counts as one
+};
+
+// A column that belongs to the channel but not to poses: residuals, background and the like.
+struct ExtraSeries {
+  const char* name;
+  std::vector<double> values;  // one a fix
+};
+
+struct PoseChannel {
+  std::string name;
+  PoseKind kind = PoseKind::kCameraInRig;
+  int covariance_size = 0;  // 0: the channel carries none
+  std::vector<PoseStatus> statuses;
+  std::vector<PoseFix> fixes;
+  std::vector<ExtraSeries> extras;
+
+  bool usable(const PoseFix& fix) const;
+};
+
+struct FixErrors {
+  std::optional<SE3> truth;  // of what the channel tells: camera or magnet, in the rig frame
+  SE3 aligned;               // the fix in the rig frame
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // estimate minus truth, metres, rig frame
+  double rotation = 0;       // radians; of the axis for a magnet
+  std::optional<double> normalised_squared;  // NEES
+};
+
+struct PoseEvaluation {
+  std::vector<FixErrors> fixes;  // one a fix; meaningful where truth is known and the pose finite
+  MatchedTrajectory usable;      // the usable fixes, unaligned, for ATE and RPE
+  double availability = 0;       // share of the truth's span, 0..1
+};
+
+// `camera_T_target` is the identity but for a magnet.
+PoseEvaluation evaluate_pose_channel(const PoseChannel& channel, const TruthTrack& truth,
+                                     const SE3& camera_T_target);
+
+// Share of the time from `first` to `last` with a usable fix at most three quarters of the
+// channel's median interval away. utimes ascending.
+double availability(const std::vector<std::int64_t>& usable_utimes, std::int64_t median_interval,
+                    std::int64_t first, std::int64_t last);
+
+void set_pose_metrics(Metrics& metrics, const PoseChannel& channel,
+                      const PoseEvaluation& evaluation);
+
+}  // namespace gastronaut::evaluation

@@ -1,0 +1,579 @@
+"""Draws the plots of a report folder and writes its index.html, in one file with the plots inline.
+
+evaluate starts it; the folder comes in GASTRONAUT_REPORT, an optional PLY surface in
+GASTRONAUT_SURFACE. Reads metrics.json and the CSV series that evaluate wrote.
+"""
+
+import base64
+import glob
+import html
+import json
+import os
+import sys
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import matplotlib.ticker
+import numpy as np
+
+FOLDER = os.environ["GASTRONAUT_REPORT"]
+SURFACE = os.environ.get("GASTRONAUT_SURFACE", "")
+POSE_CHANNELS = ["MAGNETIC_POSE", "VISUAL_POSE", "CAPSULE_STATE", "CAPSULE_POSE", "ESTIMATE"]
+EXAMPLE_COUNTS_PER_METRE = 50000.0  # as report.cpp writes the depth pictures
+
+TRUTH, ESTIMATE, BAND, BOUND, BAD = "#374151", "#2563eb", "#93c5fd", "#059669", "#dc2626"
+STATUS_COLOURS = ["#10b981", "#f59e0b", "#8b5cf6", "#dc2626", "#ec4899", "#6b7280"]
+AXIS_COLOURS = {"x": "#dc2626", "y": "#059669", "z": "#2563eb"}
+
+plt.rcParams.update({
+    "figure.dpi": 110, "font.size": 9, "axes.grid": True, "grid.alpha": 0.25,
+    "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
+    "axes.titlesize": 10, "axes.titleweight": "bold", "legend.fontsize": 8,
+})
+
+# Key, what it is, factor to the unit shown, unit, target (None: the channel's own NEES band),
+# where the target comes from.
+TARGETS = [
+    ("MAGNETIC_POSE.ate.none.rmse", "Magnetic position error, RMS", 1e3, "mm", 0.5,
+     "within 5 cm of the array"),
+    ("MAGNETIC_POSE.axis_error_deg.rmse", "Magnetic axis error, RMS", 1, "°", 1.0,
+     "within 5 cm of the array"),
+    ("MAGNETIC_POSE.cramer_rao.position_ratio", "Position error / Cramér-Rao bound", 1, "×", 1.1,
+     "when the model is exact"),
+    ("MAGNETIC_POSE.cramer_rao.axis_ratio", "Axis error / Cramér-Rao bound", 1, "×", 1.1,
+     "when the model is exact"),
+    ("MAGNETIC_POSE.nees.mean", "Magnetic NEES, mean", 1, "", None, "95 % band"),
+    ("VISUAL_POSE.ate.se3.rmse", "Visual trajectory, SE(3)", 1e3, "mm", 0.1, "depth given, 10 cm"),
+    ("VISUAL_POSE.ate.sim3.rmse", "Visual trajectory, Sim(3)", 1e3, "mm", 0.05,
+     "own depth, 20 cm, 640x480 (0.2 at 320x240)"),
+    ("VISUAL_POSE.nees.mean", "Visual NEES, mean", 1, "", None, "95 % band"),
+    ("CAPSULE_STATE.ate.none.rmse", "Fused trajectory, not aligned", 1e3, "mm", 1.25, "20 cm"),
+    ("CAPSULE_STATE.rpe.5mm.trans.mean", "Drift over 5 mm", 1e3, "mm", 0.1, ""),
+    ("CAPSULE_STATE.rpe.5deg.rot_deg.mean", "Drift over 5°", 1, "°", 0.1, ""),
+    ("CAPSULE_STATE.nees.mean", "Fused NEES, mean", 1, "", None, "95 % band"),
+    ("DEPTH.mean_abs", "Depth, mean absolute error", 1e3, "mm", 1.5, "at 30 to 45 mm"),
+    ("magnetic_localizer.ms_per_event.median", "Magnetic fix, median time", 1e3, "µs", 25,
+     "64 x 3 channels, warm"),
+]
+
+
+def load_metrics():
+    with open(os.path.join(FOLDER, "metrics.json"), encoding="utf-8") as file:
+        return json.load(file)
+
+
+def load_series(name):
+    path = os.path.join(FOLDER, name + ".csv")
+    if not os.path.exists(path):
+        return None
+    with open(path, encoding="utf-8") as file:
+        columns = file.readline().strip().split(",")
+        rows = np.loadtxt(file, delimiter=",", ndmin=2)
+    if rows.size == 0:
+        return None
+    return {column: rows[:, i] for i, column in enumerate(columns)}
+
+
+def load_surface_points(path, wanted=6000):
+    """Some vertices of a PLY file with float x y z first, ASCII or little endian."""
+    with open(path, "rb") as file:
+        header, count, vertex_bytes, in_vertex = [], 0, 0, False
+        sizes = {"char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2,
+                 "uint16": 2, "int": 4, "uint": 4, "int32": 4, "uint32": 4, "float": 4,
+                 "float32": 4, "double": 8, "float64": 8}
+        while not header or header[-1] != ["end_header"]:
+            line = file.readline()
+            if not line or len(header) > 1000:
+                raise ValueError(path + " is not a PLY file")
+            header.append(line.decode("ascii", "replace").split())
+            words = header[-1]
+            if words[:1] == ["element"]:
+                in_vertex = words[1] == "vertex"
+                count = int(words[2]) if in_vertex else count
+            elif words[:1] == ["property"] and in_vertex:
+                vertex_bytes += sizes[words[1]]
+        kind = next(words[1] for words in header if words[:1] == ["format"])
+        if kind == "ascii":
+            points = np.array([file.readline().split()[:3] for _ in range(count)], dtype=float)
+        elif kind == "binary_little_endian":
+            raw = np.frombuffer(file.read(count * vertex_bytes), np.uint8)
+            points = raw.reshape(-1, vertex_bytes)[:, :12].copy().view("<f4").astype(float)
+        else:
+            raise ValueError(path + ": " + kind + " is not supported")
+    return points[:: max(1, len(points) // wanted)]
+
+
+def save(figure, name):
+    figure.savefig(os.path.join(FOLDER, name + ".png"), bbox_inches="tight", facecolor="white")
+    plt.close(figure)
+    return name + ".png"
+
+
+def legend_above(axes, columns=6):
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncol=columns, borderaxespad=0.2)
+
+
+def length_unit(values):
+    """Factor and name of the unit that suits lengths of this size (metres)."""
+    finite = values[np.isfinite(values)]
+    return (1e3, "mm") if finite.size == 0 or np.max(np.abs(finite)) < 1.5 else (1.0, "m")
+
+
+def break_at_gaps(time, *columns):
+    """Puts NaN where fixes are missing, so that lines do not bridge what was not measured."""
+    if len(time) < 3:
+        return (time,) + columns
+    gaps = np.flatnonzero(np.diff(time) > 5 * np.median(np.diff(time))) + 1
+    return tuple(np.insert(column, gaps, np.nan) for column in (time,) + columns)
+
+
+class Channel:
+    def __init__(self, name, series, metrics, start):
+        self.name, self.series, self.metrics = name, series, metrics
+        frames = metrics.get("run.time_unit") == "frames"
+        self.time = series["utime"] if frames else (series["utime"] - start) * 1e-6
+        self.time_label = "frame" if frames else "time [s]"
+        self.usable = series["usable"] > 0
+        self.with_truth = np.isfinite(series["error"])
+        self.good = self.usable & self.with_truth
+        prefix = name + ".status."
+        self.statuses = [key[len(prefix):-len(".count")] for key in metrics
+                         if key.startswith(prefix) and key.endswith(".count")]
+        self.is_magnet = name == "MAGNETIC_POSE"
+        self.rotation_name = "axis error" if self.is_magnet else "rotation error"
+
+    def column(self, name):
+        return self.series.get(name, np.full(len(self.time), np.nan))
+
+
+def plot_trajectory(channel, surface):
+    series, usable = channel.series, channel.usable
+    factor, unit = length_unit(np.concatenate([series["true_x"], series["x"][usable]]))
+    truth = np.stack([series["true_" + axis] for axis in "xyz"]) * factor
+    truth = truth[:, np.isfinite(truth[0])]
+    estimate = np.stack([series[axis] for axis in "xyz"])[:, usable] * factor
+    # A line through the truth, dots for the fixes: each fix stands for itself.
+    figure = plt.figure(figsize=(11, 8.5))
+    for place, (a, b) in enumerate([(0, 1), (0, 2), (1, 2)]):
+        axes = figure.add_subplot(2, 2, place + 1)
+        axes.plot(estimate[a], estimate[b], ".", ms=2, color=ESTIMATE, alpha=0.6, label="estimate",
+                  rasterized=True)
+        axes.plot(truth[a], truth[b], "-", lw=1, color=TRUTH, label="truth")
+        axes.set_xlabel(f"{'xyz'[a]} [{unit}]")
+        axes.set_ylabel(f"{'xyz'[b]} [{unit}]")
+        axes.set_aspect("equal", adjustable="datalim")
+        if place == 0:
+            axes.legend()
+    axes = figure.add_subplot(2, 2, 4, projection="3d")
+    step = max(1, estimate.shape[1] // 5000)
+    if surface is not None:
+        axes.scatter(*(surface.T * factor), s=0.3, color="#d1a3a3", alpha=0.25, depthshade=False)
+    axes.plot(*estimate[:, ::step], ".", ms=1.5, color=ESTIMATE, alpha=0.6)
+    axes.plot(*truth, "-", lw=1, color=TRUTH)
+    axes.set_xlabel(f"x [{unit}]")
+    axes.set_ylabel(f"y [{unit}]")
+    axes.set_zlabel(f"z [{unit}]")
+    extent = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
+    axes.set_box_aspect(np.maximum(extent, extent.max() / 4))
+    figure.suptitle(f"{channel.name}: trajectory")
+    figure.tight_layout()
+    return save(figure, channel.name + "_trajectory")
+
+
+def draw_status(axes, channel):
+    status = channel.series["status"]
+    for number, name in enumerate(channel.statuses):
+        times = channel.time[status == number]
+        if times.size:
+            axes.plot(times, np.zeros_like(times), "|", ms=14, mew=1.2,
+                      color=STATUS_COLOURS[number % len(STATUS_COLOURS)], label=name,
+                      rasterized=True)
+    axes.set_yticks([])
+    axes.grid(False)
+    axes.set_ylabel("status", rotation=0, ha="right", va="center")
+    axes.legend(ncol=6, loc="upper left", bbox_to_anchor=(0, -0.75), handlelength=1)
+
+
+def plot_errors(channel):
+    good = channel.good
+    if not np.any(good):
+        return None
+    factor, unit = length_unit(channel.column("error")[good])
+    strips = 1 if channel.statuses else 0
+    figure, panels = plt.subplots(
+        3 + strips, 1, figsize=(11, 8 + 0.5 * strips), sharex=True,
+        gridspec_kw={"height_ratios": [3, 3, 3] + [0.5] * strips})
+    position, components, rotation = panels[:3]
+
+    def line(axes, column, scale, colour, label, **style):
+        values = channel.column(column)[good] * scale
+        if np.any(np.isfinite(values)):
+            axes.plot(*break_at_gaps(channel.time[good], values), color=colour, label=label,
+                      **{"lw": 0.9, **style})
+
+    def band(axes, column, scale):
+        sigma = channel.column(column)[good] * scale
+        if np.any(np.isfinite(sigma)):
+            time, sigma = break_at_gaps(channel.time[good], sigma)
+            axes.fill_between(time, 0, 3 * sigma, color=BAND, alpha=0.45, lw=0, label="3 σ claimed")
+
+    def fit_view(axes, column, sigma_column, scale):
+        """Room for errors and band, but a few wild values must not flatten the rest."""
+        values = channel.column(column)[good] * scale
+        sigma = channel.column(sigma_column)[good] * scale
+        usual = 4 * np.percentile(values, 99)
+        wanted = max(np.max(values), 3 * np.max(sigma[np.isfinite(sigma)], initial=0))
+        axes.set_ylim(0, max(min(1.05 * wanted, usual), 1e-12))
+        if np.max(values) > usual:
+            axes.set_title(f"largest {np.max(values):.3g}, beyond the view", loc="left",
+                           fontsize=8, color=BAD, fontweight="normal")
+
+    band(position, "sigma_position", factor)
+    line(position, "error", factor, ESTIMATE, "position error")
+    line(position, "bound_position", factor, BOUND, "Cramér-Rao bound", ls="--")
+    fit_view(position, "error", "sigma_position", factor)
+    position.set_ylabel(f"position error [{unit}]")
+    legend_above(position)
+    for axis in "xyz":
+        line(components, "error_" + axis, factor, AXIS_COLOURS[axis], axis, alpha=0.8)
+    components.set_ylabel(f"per axis [{unit}]")
+    legend_above(components)
+    band(rotation, "sigma_rotation_deg", 1)
+    line(rotation, "rotation_error_deg", 1, ESTIMATE, channel.rotation_name)
+    line(rotation, "bound_axis_deg", 1, BOUND, "Cramér-Rao bound", ls="--")
+    fit_view(rotation, "rotation_error_deg", "sigma_rotation_deg", 1)
+    rotation.set_ylabel(channel.rotation_name + " [°]")
+    legend_above(rotation)
+    if channel.statuses:
+        draw_status(panels[3], channel)
+    panels[-1].set_xlabel(channel.time_label)
+    aligned = channel.name in ("VISUAL_POSE", "ESTIMATE")
+    figure.suptitle(f"{channel.name}: errors" + (" after SE(3) alignment" if aligned else ""))
+    figure.align_ylabels()
+    figure.tight_layout()
+    return save(figure, channel.name + "_errors")
+
+
+def plot_histograms(channel):
+    good = channel.good
+    if not np.any(good):
+        return None
+    factor, unit = length_unit(channel.column("error")[good])
+    figure, axes = plt.subplots(1, 2, figsize=(11, 3.4))
+    for axis, values, label in [
+            (axes[0], channel.column("error")[good] * factor, f"position error [{unit}]"),
+            (axes[1], channel.column("rotation_error_deg")[good], channel.rotation_name + " [°]")]:
+        axis.hist(values, bins=60, color=ESTIMATE, alpha=0.75)
+        for value, name, style in [(np.median(values), "median", "-"),
+                                   (np.sqrt(np.mean(values**2)), "RMS", "--"),
+                                   (np.percentile(values, 95), "95 %", ":")]:
+            axis.axvline(value, color=TRUTH, ls=style, lw=1.2, label=f"{name} {value:.3g}")
+        axis.set_xlabel(label)
+        axis.set_ylabel("fixes")
+        axis.legend()
+    figure.suptitle(f"{channel.name}: distribution of errors")
+    figure.tight_layout()
+    return save(figure, channel.name + "_histogram")
+
+
+def plot_consistency(channel):
+    nees = channel.column("nees")
+    chosen = channel.good & np.isfinite(nees)
+    name = channel.name + ".nees."
+    if not np.any(chosen) or name + "mean" not in channel.metrics:
+        return None
+    time, nees = channel.time[chosen], nees[chosen]
+    freedom = channel.metrics[name + "degrees_of_freedom"]
+    figure, axes = plt.subplots(figsize=(11, 3.4))
+    axes.semilogy(time, nees, ".", ms=2, color=ESTIMATE, alpha=0.4, label="each fix",
+                  rasterized=True)
+    window = max(1, len(nees) // 50)
+    running = np.convolve(nees, np.ones(window) / window, "valid")
+    axes.semilogy(time[window // 2:window // 2 + len(running)], running, color=TRUTH, lw=1.2,
+                  label=f"mean of {window}")
+    axes.axhspan(channel.metrics[name + "band_low"], channel.metrics[name + "band_high"],
+                 color=BOUND, alpha=0.35, label="95 % band of the mean over all")
+    axes.axhline(freedom, color=BOUND, lw=0.8)
+    axes.set_xlabel(channel.time_label)
+    axes.set_ylabel("NEES")
+    legend_above(axes)
+    figure.suptitle(f"{channel.name}: can the covariance be believed? mean NEES "
+                    f"{channel.metrics[name + 'mean']:.3g}, right is {freedom}")
+    figure.tight_layout()
+    return save(figure, channel.name + "_consistency")
+
+
+def plot_magnetics(channel):
+    if "chi2_per_dof" not in channel.series:
+        return None
+    usable = channel.usable
+    figure, (chi2, background) = plt.subplots(2, 1, figsize=(11, 5), sharex=True)
+    values = channel.column("chi2_per_dof")
+    positive = np.isfinite(values) & (values > 0)
+    for mask, colour, label in [(usable, ESTIMATE, "OK"), (~usable, BAD, "not usable")]:
+        if np.any(mask & positive):
+            chi2.semilogy(channel.time[mask & positive], values[mask & positive], ".", ms=2,
+                          color=colour, label=label, rasterized=True)
+    chi2.axhline(1, color=BOUND, lw=1)
+    chi2.yaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
+    chi2.set_yticks([value for value in (0.1, 0.2, 0.5, 1, 2, 5, 10, 100, 1000)
+                     if chi2.get_ylim()[0] <= value <= chi2.get_ylim()[1]])
+    chi2.yaxis.set_major_formatter(matplotlib.ticker.FormatStrFormatter("%g"))
+    chi2.set_ylabel("χ² per degree of freedom")
+    legend_above(chi2)
+    for axis in "xyz":
+        field = channel.column("background_" + axis) * 1e6
+        background.plot(*break_at_gaps(channel.time[usable], field[usable]), lw=0.9,
+                        color=AXIS_COLOURS[axis], label=axis)
+    background.set_ylabel("estimated background [µT]")
+    background.set_xlabel(channel.time_label)
+    legend_above(background)
+    figure.suptitle(f"{channel.name}: fit and background")
+    figure.tight_layout()
+    return save(figure, channel.name + "_fit")
+
+
+def plot_relative(channel):
+    prefix = channel.name + ".rpe."
+    lengths, means, high = [], [], []
+    for key, value in channel.metrics.items():
+        if key.startswith(prefix) and key.endswith("mm.trans.mean"):
+            lengths.append(float(key[len(prefix):-len("mm.trans.mean")]))
+            means.append(value * 1e3)
+            high.append(channel.metrics[key[:-len("mean")] + "rmse"] * 1e3)
+    if len(lengths) < 2:
+        return None
+    order = np.argsort(lengths)
+    lengths, means, high = (np.array(values)[order] for values in (lengths, means, high))
+    figure, axes = plt.subplots(figsize=(11, 3.2))
+    axes.plot(lengths, means, "o-", color=ESTIMATE, label="mean")
+    axes.plot(lengths, high, "s--", color=TRUTH, label="RMS")
+    axes.set_xscale("log")
+    axes.set_xticks(lengths)
+    axes.set_xticklabels([f"{length:g}" for length in lengths])
+    axes.minorticks_off()
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("length of true path between the poses [mm]")
+    axes.set_ylabel("relative error [mm]")
+    axes.legend()
+    figure.suptitle(f"{channel.name}: relative error against length")
+    figure.tight_layout()
+    return save(figure, channel.name + "_relative")
+
+
+def plot_depth_series(depth, start):
+    time = (depth["utime"] - start) * 1e-6
+    figure, (error, scale) = plt.subplots(2, 1, figsize=(11, 5), sharex=True)
+    error.plot(time, depth["mean_abs"] * 1e3, color=ESTIMATE, lw=1, label="mean absolute")
+    error.plot(time, depth["mean_abs_scaled"] * 1e3, color=BOUND, lw=1, label="after median scaling")
+    error.set_ylabel("depth error [mm]")
+    error.set_ylim(bottom=0)
+    legend_above(error)
+    scale.plot(time, depth["scale"], color=TRUTH, lw=1, label="scale, true / estimated")
+    scale.plot(time, depth["coverage"], color=BAD, lw=1, label="coverage")
+    legend_above(scale)
+    scale.set_xlabel("time [s]")
+    figure.suptitle("DEPTH: errors")
+    figure.tight_layout()
+    return save(figure, "DEPTH_errors")
+
+
+def plot_depth_pictures():
+    numbers = sorted(int(os.path.basename(path).split("_")[1])
+                     for path in glob.glob(os.path.join(FOLDER, "depth_*_truth.png")))
+    if not numbers:
+        return None
+
+    def read(number, kind):
+        path = os.path.join(FOLDER, f"depth_{number}_{kind}.png")
+        picture = plt.imread(path) * (65535 / EXAMPLE_COUNTS_PER_METRE) * 1e3
+        return np.where(picture > 0, picture, np.nan)
+
+    figure, axes = plt.subplots(3, len(numbers), figsize=(2.1 * len(numbers) + 1, 5.6),
+                                squeeze=False)
+    for column, number in enumerate(numbers):
+        truth, estimate = read(number, "truth"), read(number, "estimate")
+        low, high = np.nanpercentile(truth, [1, 99])
+        limit = max(1e-3, np.nanpercentile(np.abs(estimate - truth), 95)) \
+            if np.any(np.isfinite(estimate - truth)) else 1
+        views = [(truth, "viridis", low, high, "truth [mm]"),
+                 (estimate, "viridis", low, high, "estimate [mm]"),
+                 (estimate - truth, "RdBu", -limit, limit, "error [mm]")]
+        for row, (picture, colours, least, most, label) in enumerate(views):
+            axis = axes[row][column]
+            shown = axis.imshow(picture, cmap=colours, vmin=least, vmax=most)
+            axis.set_xticks([])
+            axis.set_yticks([])
+            axis.grid(False)
+            figure.colorbar(shown, ax=axis, fraction=0.046, pad=0.04)
+            if column == 0:
+                axis.set_ylabel(label)
+    figure.suptitle("DEPTH: pictures spread over the log")
+    figure.tight_layout()
+    return save(figure, "DEPTH_pictures")
+
+
+def number(value):
+    if isinstance(value, bool) or value is None:
+        return "–"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", " ")
+    return f"{value:.4g}"
+
+
+def summary_rows(metrics):
+    rows = []
+    for key, label, factor, unit, target, remark in TARGETS:
+        value = metrics.get(key)
+        if value is None:
+            continue
+        if target is None:
+            base = key[: -len("mean")]
+            low, high = metrics[base + "band_low"], metrics[base + "band_high"]
+            met, wanted = low <= value <= high, f"{low:.3g} to {high:.3g}"
+        else:
+            met, wanted = factor * value <= target, f"≤ {target:g} {unit}"
+        mark = '<span class="yes">✓ met</span>' if met else '<span class="no">✗ missed</span>'
+        rows.append(f"<tr><td>{label}</td><td class=n>{number(float(factor * value))} {unit}</td>"
+                    f"<td class=n>{wanted}</td><td>{mark}</td><td class=dim>{remark}</td></tr>")
+    return "".join(rows)
+
+
+def error_rows(metrics, channels):
+    rows = []
+    for channel in channels:
+        get = lambda key: metrics.get(channel.name + "." + key)
+        factor, unit = length_unit(channel.column("error")[channel.good])
+        length = lambda key: "–" if get(key) is None else f"{get(key) * factor:.4g} {unit}"
+        rotation = "axis_error_deg" if channel.is_magnet else "rotation_error_deg"
+        angle = lambda key: "–" if get(key) is None else f"{get(key):.3g}°"
+        share = get("availability")
+        cells = [f"{number(get('with_truth'))} / {number(get('count'))}",
+                 "–" if share is None else f"{100 * share:.1f} %", length("ate.none.rmse"),
+                 length("ate.none.median"), length("ate.none.max"), length("ate.se3.rmse"),
+                 length("ate.sim3.rmse"), angle(rotation + ".rmse")]
+        rows.append(f"<tr><td>{channel.name}</td>"
+                    + "".join(f"<td class=n>{cell}</td>" for cell in cells) + "</tr>")
+    return "".join(rows)
+
+
+STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;color:#1f2937;background:#f3f4f6;margin:0}
+main{max-width:1080px;margin:0 auto;padding:24px 16px 64px}
+h1{font-size:26px;margin:8px 0}h2{font-size:19px;margin:0 0 12px}
+section{background:#fff;border-radius:10px;padding:18px 22px;margin:16px 0;
+box-shadow:0 1px 3px rgba(0,0,0,.08);overflow-x:auto}
+table{border-collapse:collapse;width:100%;font-size:14px}
+th{text-align:left;color:#6b7280;font-weight:600;border-bottom:2px solid #e5e7eb;padding:6px 10px}
+td{border-bottom:1px solid #f0f1f3;padding:6px 10px}.n{text-align:right;
+font-variant-numeric:tabular-nums;white-space:nowrap}th.n{text-align:right}
+.dim{color:#6b7280;font-size:13px}.yes{color:#047857;font-weight:600}.no{color:#b91c1c;font-weight:600}
+.facts{display:flex;flex-wrap:wrap;gap:6px 28px;color:#4b5563}.facts b{color:#111827}
+.warn{background:#fffbeb;border-left:5px solid #f59e0b}.bad{background:#fef2f2;border-left:5px solid #dc2626}
+ul{margin:0;padding-left:20px}img{max-width:100%;display:block;margin:10px auto}
+details summary{cursor:pointer;color:#374151;font-weight:600}code{font-size:13px}
+"""
+
+
+def inline(picture):
+    with open(os.path.join(FOLDER, picture), "rb") as file:
+        data = base64.b64encode(file.read()).decode("ascii")
+    return f'<img alt="{html.escape(picture)}" src="data:image/png;base64,{data}">'
+
+
+def section(title, body, kind=""):
+    return f'<section class="{kind}"><h2>{html.escape(title)}</h2>{body}</section>' if body else ""
+
+
+def table(head, rows):
+    """Heads that start with '#' stand above numbers."""
+    cells = "".join(f'<th class=n>{name[1:]}</th>' if name.startswith("#") else f"<th>{name}</th>"
+                    for name in head)
+    return f"<table><tr>{cells}</tr>{rows}</table>" if rows else ""
+
+
+def page(metrics, channels, plots):
+    text = lambda key: html.escape(str(metrics[key]))
+    facts = []
+    for key, label in [("run.log", "log"), ("run.ground_truth", "ground truth"),
+                       ("run.configuration", "configuration"),
+                       ("run.code_version", "recorded with"),
+                       ("run.evaluate_version", "evaluated with")]:
+        if key in metrics:
+            facts.append(f"<span>{label} <b>{text(key)}</b></span>")
+    if "run.seconds" in metrics:
+        facts.append(f"<span>duration <b>{metrics['run.seconds']:.1f} s</b></span>")
+    for key, label, factor, unit in [("replay.wall_seconds", "replay took", 1, "s"),
+                                     ("replay.cpu_seconds", "CPU", 1, "s"),
+                                     ("replay.peak_resident_bytes", "peak memory", 1e-6, "MB")]:
+        if key in metrics:
+            facts.append(f"<span>{label} <b>{factor * metrics[key]:.1f} {unit}</b></span>")
+    parts = [f'<h1>gastronaut report</h1><div class="facts">{"".join(facts)}</div>']
+    if metrics.get("run.damage"):
+        parts.append(section("The log is damaged", text("run.damage"), "bad"))
+    notes = [html.escape(value) for key, value in metrics.items() if key.startswith("note.")]
+    if notes:
+        parts.append(section("To be known", "<ul>" + "".join(f"<li>{note}</li>" for note in notes)
+                             + "</ul>", "warn"))
+    parts.append(section("Targets", table(["what", "#measured", "#target", "", "target holds"],
+                                          summary_rows(metrics))))
+    parts.append(section("Errors", table(
+        ["channel", "#scored / messages", "#availability", "#RMS, not aligned", "#median", "#max",
+         "#RMS, SE(3)", "#RMS, Sim(3)", "#rotation RMS"], error_rows(metrics, channels))))
+    for title, pictures in plots:
+        parts.append(section(title, "".join(inline(picture) for picture in pictures if picture)))
+    suffix = ".ms_per_event.median"
+    timings = "".join(
+        f"<tr><td>{html.escape(name)}</td><td class=n>{number(metrics[name + '.events'])}</td>"
+        + "".join(f"<td class=n>{number(float(metrics[name + '.ms_per_event.' + figure]))}</td>"
+                  for figure in ("median", "p99", "max")) + "</tr>"
+        for name in (key[:-len(suffix)] for key in metrics if key.endswith(suffix)))
+    parts.append(section("Time per event", table(
+        ["process", "#events", "#median [ms]", "#99 % [ms]", "#max [ms]"], timings)))
+    counts = "".join(
+        f"<tr><td>{html.escape(name)}</td><td class=n>{number(metrics[key])}</td>"
+        f"<td class=n>{metrics[f'messages.{name}.bytes'] / 1e6:.2f} MB</td>"
+        f"<td class=n>{number(metrics.get(f'messages.{name}.corrupt', 0))}</td></tr>"
+        for key, name in ((key, key[len("messages."):-len(".count")]) for key in metrics
+                          if key.startswith("messages.") and key.endswith(".count")))
+    parts.append(section("Messages", table(["channel", "#messages", "#size", "#damaged"], counts)))
+    rows = "".join(f"<tr><td><code>{html.escape(key)}</code></td><td class=n>"
+                   f"{html.escape(str(value) if isinstance(value, str) else number(value))}"
+                   "</td></tr>" for key, value in metrics.items())
+    parts.append(f"<section><details><summary>All {len(metrics)} figures (metrics.json)</summary>"
+                 f"<table>{rows}</table></details></section>")
+    return ('<!doctype html><html lang="en"><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width,initial-scale=1">'
+            f"<title>gastronaut: {html.escape(str(metrics.get('run.log', '')))}</title>"
+            f"<style>{STYLE}</style><main>{''.join(parts)}</main></html>\n")
+
+
+def main():
+    metrics = load_metrics()
+    surface = load_surface_points(SURFACE) if SURFACE else None
+    truth = load_series("GROUND_TRUTH_POSE")
+    series = {name: load_series(name) for name in POSE_CHANNELS}
+    series = {name: values for name, values in series.items()
+              if values is not None and f"{name}.count" in metrics}
+    depth = load_series("DEPTH") if "DEPTH.count" in metrics else None
+    starts = [values["utime"][0] for values in list(series.values()) + [truth, depth]
+              if values is not None]
+    start = min(starts) if starts else 0
+    channels = [Channel(name, values, metrics, start) for name, values in series.items()]
+    plots = []
+    for channel in channels:
+        plots.append((channel.name, [
+            plot_trajectory(channel, surface), plot_errors(channel), plot_histograms(channel),
+            plot_consistency(channel), plot_relative(channel), plot_magnetics(channel)]))
+    if depth is not None:
+        plots.append(("DEPTH", [plot_depth_series(depth, start), plot_depth_pictures()]))
+    with open(os.path.join(FOLDER, "index.html"), "w", encoding="utf-8") as file:
+        file.write(page(metrics, channels, plots))
+
+
+try:
+    main()
+except (OSError, ValueError) as problem:
+    sys.exit(f"report.py: {problem}")

@@ -1,0 +1,82 @@
+// Trajectories as sequences of stamped poses, and how an estimate is matched with its ground truth.
+//
+// Rotations stay matrices, as trajectory files give them: turning a rounded matrix into a unit
+// quaternion and back would change relative errors in their seventh digit, and these figures are
+// meant to equal those of other tools.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "geometry/se3.hpp"
+
+namespace gastronaut::evaluation {
+
+struct Pose {
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();  // metres
+
+  Pose inverse() const {
+    return {rotation.transpose(), -(rotation.transpose() * translation)};
+  }
+  Pose operator*(const Pose& other) const {
+    return {rotation * other.rotation, rotation * other.translation + translation};
+  }
+};
+
+Pose to_pose(const SE3& transform);
+
+// Angle of a rotation matrix in radians, 0..pi, exact for small angles too.
+double rotation_angle(const Eigen::Matrix3d& rotation);
+
+struct Trajectory {
+  std::vector<std::int64_t> utimes;  // microseconds, ascending; frame numbers where there is no time
+  std::vector<Pose> poses;
+
+  std::size_t size() const { return utimes.size(); }
+};
+
+// An estimate, and for each of its poses the true one where it is known.
+struct MatchedTrajectory {
+  Trajectory estimate;
+  std::vector<std::optional<Pose>> truth;
+
+  std::size_t count_matched() const;
+  // Without the poses whose truth is not known.
+  MatchedTrajectory only_matched() const;
+};
+
+// Pairs poses whose times differ by less than max_difference (microseconds), nearest pairs first,
+// each pose used once: the TUM RGB-D benchmark's rule.
+MatchedTrajectory match(const Trajectory& estimate, const Trajectory& truth,
+                        std::int64_t max_difference);
+
+// Pose n belongs to pose n; both must have the same size (std::invalid_argument).
+MatchedTrajectory match_by_index(const Trajectory& estimate, const Trajectory& truth);
+
+// Ground truth at any time between its samples.
+class TruthTrack {
+ public:
+  // Samples come in order of utime; what does not is ignored.
+  void add(std::int64_t utime, const SE3& pose);
+  // Constant twist between the samples around utime; nothing outside the span, or where these two
+  // are further apart than kMaxGap.
+  std::optional<SE3> at(std::int64_t utime) const;
+
+  bool empty() const { return utimes_.empty(); }
+  std::size_t size() const { return utimes_.size(); }
+  std::int64_t first() const { return utimes_.front(); }
+  std::int64_t last() const { return utimes_.back(); }
+  const std::vector<std::int64_t>& utimes() const { return utimes_; }
+  const std::vector<SE3>& poses() const { return poses_; }
+
+  static constexpr std::int64_t kMaxGap = 200000;  // microseconds
+
+ private:
+  std::vector<std::int64_t> utimes_;
+  std::vector<SE3> poses_;
+};
+
+}  // namespace gastronaut::evaluation
