@@ -7,7 +7,13 @@ namespace gastronaut {
 namespace {
 // One flipped bit in a utime must not make every other input look silent for ever. No pause
 // between two readings of a running rig is as long as this.
-constexpr std::int64_t kLongestPause = 60'000'000;  // microseconds
+constexpr std::uint64_t kLongestPause = 60'000'000;  // microseconds
+
+// later - earlier, which must not be the later one; unsigned, because corrupt utimes may be further
+// apart than an int64 holds.
+std::uint64_t microseconds_between(std::int64_t earlier, std::int64_t later) {
+  return static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier);
+}
 }  // namespace
 
 int EventOrder::add_input(std::string name, std::int64_t lag) {
@@ -20,9 +26,9 @@ int EventOrder::add_input(std::string name, std::int64_t lag) {
 
 EventOrder::PushResult EventOrder::push(int number, std::int64_t utime, Action handle) {
   Input& input = inputs_[static_cast<std::size_t>(number)];
-  if (newest_ && utime > *newest_ && utime - *newest_ > kLongestPause) {
-    const bool confirmed =
-        input.suspect && utime >= *input.suspect && utime - *input.suspect <= kLongestPause;
+  if (newest_ && utime > *newest_ && microseconds_between(*newest_, utime) > kLongestPause) {
+    const bool confirmed = input.suspect && utime >= *input.suspect &&
+                           microseconds_between(*input.suspect, utime) <= kLongestPause;
     if (!confirmed) {
       input.suspect = utime;
       return PushResult::kImplausible;
@@ -47,11 +53,9 @@ EventOrder::PushResult EventOrder::push(int number, std::int64_t utime, Action h
 
 bool EventOrder::silent(const Input& input) const {
   if (!newest_) return false;
-  // Differences of utimes as unsigned: a corrupt utime may be anywhere in the range.
   const std::int64_t reached = std::max(input.newest.value_or(*first_), *first_);
   return *newest_ > reached &&
-         static_cast<std::uint64_t>(*newest_) - static_cast<std::uint64_t>(reached) >
-             static_cast<std::uint64_t>(input.lag);
+         microseconds_between(reached, *newest_) > static_cast<std::uint64_t>(input.lag);
 }
 
 std::optional<std::size_t> EventOrder::oldest() const {

@@ -1,5 +1,6 @@
 #include "bus/wire.hpp"
 
+#include <algorithm>
 #include <array>
 #include <limits>
 
@@ -94,9 +95,11 @@ class Measure {
       for (std::uint64_t e = 0; e < elements; ++e) {
         std::int64_t length = 0;
         if (!peek(WireKind::kInt32, length) || !advance(size_of(WireKind::kInt32))) return false;
-        // A string's length counts its closing zero.
+        // A string's length counts its closing zero, and there is no other zero: LCM's encoders
+        // stop at the first one, so that such a string could not be written again.
         if (length < 1 || static_cast<std::uint64_t>(length) > rest_.size()) return false;
-        if (rest_[static_cast<std::size_t>(length) - 1] != 0) return false;
+        const Bytes text = rest_.first(static_cast<std::size_t>(length));
+        if (std::find(text.begin(), text.end(), std::uint8_t{0}) != text.end() - 1) return false;
         if (!advance(static_cast<std::uint64_t>(length))) return false;
       }
       return true;

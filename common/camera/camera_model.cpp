@@ -44,7 +44,7 @@ Radial fisheye_angle(const std::array<double, 8>& k, double angle) {
 CameraModel::CameraModel(const CameraIntrinsics& intrinsics) : intrinsics_(intrinsics) {
   const auto& in = intrinsics_;
   if (in.width <= 0 || in.height <= 0) throw std::invalid_argument("camera: size must be positive");
-  if (!(in.fx > 0) || !(in.fy > 0)) {
+  if (!(in.fx > 0) || !(in.fy > 0) || !std::isfinite(in.fx) || !std::isfinite(in.fy)) {
     throw std::invalid_argument("camera: focal lengths must be positive");
   }
   if (!(in.cx > -1) || !(in.cx < in.width) || !(in.cy > -1) || !(in.cy < in.height)) {
@@ -151,8 +151,9 @@ std::optional<Eigen::Vector2d> CameraModel::project(const Eigen::Vector3d& point
 std::optional<Eigen::Vector3d> CameraModel::unproject(const Eigen::Vector2d& pixel) const {
   const Eigen::Vector2d target((pixel.x() - intrinsics_.cx) / intrinsics_.fx,
                                (pixel.y() - intrinsics_.cy) / intrinsics_.fy);
+  if (!target.allFinite()) return std::nullopt;
   if (intrinsics_.model == LensModel::kFisheye) {
-    const double distorted = target.norm();
+    const double distorted = std::hypot(target.x(), target.y());
     if (distorted == 0) return Eigen::Vector3d::UnitZ();
     if (distorted > fisheye_angle(k_, max_angle_).value) return std::nullopt;
     // Newton kept inside a bracket: the distorted angle grows all the way to max_angle_.

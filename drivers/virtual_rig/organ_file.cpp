@@ -103,7 +103,10 @@ TriangleMesh subdivide(const TriangleMesh& mesh) {
     std::vector<std::uint32_t> opposite;
   };
   std::map<std::pair<std::uint32_t, std::uint32_t>, Edge> edges;
-  const auto key = [](std::uint32_t a, std::uint32_t b) { return std::minmax(a, b); };
+  // Not std::minmax: that would return references to the copies a and b.
+  const auto key = [](std::uint32_t a, std::uint32_t b) {
+    return std::pair(std::min(a, b), std::max(a, b));
+  };
   std::vector<Eigen::Vector3f> neighbour_sum(mesh.vertices.size(), Eigen::Vector3f::Zero());
   std::vector<int> neighbours(mesh.vertices.size(), 0);
   for (const Triangle& t : mesh.triangles) {
@@ -212,6 +215,7 @@ std::vector<Eigen::Vector3d> slice_middles(const TriangleMesh& mesh) {
 
 OrganShape organ_from_file(const OrganConfiguration& organ) {
   TriangleMesh mesh = read_vtk(organ.mesh);
+  for (auto& vertex : mesh.vertices) vertex *= static_cast<float>(organ.mesh_scale);
   align_and_centre(mesh);
   std::vector<Eigen::Vector3d> points = slice_middles(mesh);
   // The cavity's radius is measured from a provisional axis with the same frames.

@@ -204,11 +204,9 @@ void Renderer::render_block(const Shot& shot, const Block& block,
     std::array<Eigen::Vector3f, kWidth> to_light;
     for (std::size_t i = 0; i < kWidth; ++i) {
       if (valid[i] == 0) continue;
-      const Eigen::Vector3f start = point[i] + kAboveWall * normal[i];
-      const Eigen::Vector3f way = light - start;
+      const Eigen::Vector3f way = light - point[i];
       const float distance2 = way.squaredNorm();
-      const float distance = std::sqrt(distance2);
-      to_light[i] = way / distance;
+      to_light[i] = way / std::sqrt(distance2);
       cosine[i] = normal[i].dot(to_light[i]);
       const float emission = -optical_axis.dot(to_light[i]);
       if (cosine[i] <= 0 || emission <= 0) continue;
@@ -218,7 +216,8 @@ void Renderer::render_block(const Shot& shot, const Block& block,
                                                  (lobe_table_[step + 1] - lobe_table_[step]);
       irradiance[i] = shot.intensity * lobe / distance2;
       lit[i] = -1;
-      set_ray(shadow, i, start, to_light[i], distance);
+      const Eigen::Vector3f above = point[i] + kAboveWall * normal[i];
+      set_ray(shadow, i, above, light - above, 1);
     }
     scene_.occluded(lit.data(), shadow);
     for (std::size_t i = 0; i < kWidth; ++i) {

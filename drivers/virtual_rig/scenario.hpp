@@ -29,7 +29,8 @@ struct PeristalsisConfiguration {
 
 // A bent tube with closed ends, or a mesh from a file; folds, vessels and mucus in either case.
 struct OrganConfiguration {
-  std::string mesh;        // VTK legacy PolyData in millimetres; empty: the procedural stomach
+  std::string mesh;  // VTK legacy PolyData in millimetres; empty: the procedural stomach
+  double mesh_scale = 1;
   std::uint64_t seed = 0;  // shape and texture; the scenario's seed draws everything else
   double edge = 0.0006;    // metres, typical edge of a triangle
   // The procedural stomach: arc length of its axis, turn of the axis between its ends, largest
@@ -55,6 +56,7 @@ struct OrganConfiguration {
   template <class Visitor>
   void fields(Visitor& v) {
     v("mesh", mesh);
+    v("mesh_scale", mesh_scale, positive());
     v("seed", seed);
     v("edge", edge, between(0.0002, 0.01, Dimension::kLength));
     v("length", length, between(0.05, 0.3, Dimension::kLength));

@@ -16,10 +16,13 @@ constexpr double kMiddle = 0.48;
 constexpr double kFurthest = 0.31;
 constexpr double kSideways = 0.006;     // metres
 constexpr double kStandoffSwing = 0.2;  // relative
-constexpr double kRoomBehind = 0.010;   // metres that stay free between lens and wall
+constexpr double kRoomBehind = 0.015;   // metres that stay free behind the lens, folds included
+constexpr double kSoftness = 0.006;     // metres over which that takes effect
 constexpr int kMostLaps = 200;
 constexpr int kLengthSteps = 4000;
 constexpr double kPauseFraction = 0.5;  // of the dwell in which the magnet rests
+
+double soft_maximum(double a, double b) { return (a + b + std::hypot(a - b, kSoftness)) / 2; }
 
 double smooth_step(double t) { return t * t * t * (t * (t * 6 - 15) + 10); }
 
@@ -104,7 +107,7 @@ SE3 Trajectory::tour(double phase) const {
   // Metres from the axis towards the wall that is looked at; never too near to the one behind.
   const double radius = centreline_.radius(fraction, angle);
   const double room = std::max(0.0, centreline_.radius(fraction, angle + kTurn / 2) - kRoomBehind);
-  const double towards = std::max(radius - standoff * std::cos(tilt), -room);
+  const double towards = soft_maximum(radius - standoff * std::cos(tilt), -room);
 
   SE3 rig_T_camera;
   rig_T_camera.translation =

@@ -29,6 +29,8 @@ constexpr double kHeardAbove = 3;             // times the noise: least field a 
 constexpr double kLeastImprovement = 0.35;    // of the fix error that the array causes: what is left
 constexpr double kLargestResiduals = 3;       // times the configured noise
 constexpr double kPoseDisagreement = 0.01;    // metres between given and fitted poses
+constexpr int kMostRounds = 3;
+constexpr double kClearlyBetter = 4;          // chi2 of a reading
 constexpr std::size_t kInducedErrorPoses = 25;
 constexpr double kShareOfSearch = 0.2;  // of the progress shown
 
@@ -145,6 +147,26 @@ std::vector<int> unheard_sensors(const RigConfiguration& rig,
   return unheard;
 }
 
+// Sensor errors can hide the right one of several places that explain a reading. With the sensors
+// calibrated it stands out: moves such poses there and returns how many there were.
+int mend_poses(const std::vector<CalibrationReading>& readings, JointArrayFit& fit) {
+  RigConfiguration calibrated = fit.rig();
+  calibrated.hall_array.offset_std = 0;
+  const MagnetPoseFitter fitter(calibrated);
+  int mended = 0;
+  for (std::size_t t = 0; t < readings.size(); ++t) {
+    if (readings[t].known_pose) continue;
+    const auto here = fitter.fit(readings[t], fit.poses()[t]);
+    const auto elsewhere = fitter.fit(readings[t], std::nullopt);
+    if (!elsewhere) continue;
+    const double gain = kClearlyBetter / static_cast<double>(readings[t].field.size());
+    if (here && here->chi2_per_channel < elsewhere->chi2_per_channel + gain) continue;
+    fit.move_pose(t, elsewhere->pose);
+    ++mended;
+  }
+  return mended;
+}
+
 JointArrayFit::InducedError mean_induced_error(const JointArrayFit& fit, std::size_t readings) {
   JointArrayFit::InducedError mean;
   const std::size_t poses = std::min(kInducedErrorPoses, readings);
@@ -218,8 +240,12 @@ ArrayCalibration calibrate_array(const RigConfiguration& rig,
   }
 
   JointArrayFit fit(rig, options.priors, used.readings, starts);
-  const bool converged = fit.solve(
-      [&](double fraction) { progress(kShareOfSearch + (1 - kShareOfSearch) * fraction); });
+  bool converged = false;
+  for (int round = 0; round < kMostRounds; ++round) {
+    converged = fit.solve(
+        [&](double fraction) { progress(kShareOfSearch + (1 - kShareOfSearch) * fraction); });
+    if (!converged || mend_poses(used.readings, fit) == 0) break;
+  }
   const double residual_scale = fit.residual_scale();
   if (residual_scale > kLargestResiduals) {
     throw CalibrationRefused(fmt::format(

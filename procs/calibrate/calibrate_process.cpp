@@ -34,6 +34,11 @@ struct Options {
   std::vector<std::string> settings;
   std::string poses = "auto";
   ArrayCalibrationOptions array;
+  // Priors given on the command line; otherwise the larger of what the configuration says is
+  // unknown and what an uncalibrated array usually has.
+  std::optional<double> gain_std;
+  std::optional<double> alignment_std;
+  std::optional<double> offset_std;
 };
 
 // What of the log the calibrations use, by time.
@@ -240,9 +245,19 @@ int calibrate_array_of(const Options& options) {
   const auto readings =
       make_readings(log, rig->hall_array.num_sensors(), rig->hall_array.num_axes,
                     rig->coils.tesla_per_ampere.cols(), *rig, known);
+  ArrayCalibrationOptions array = options.array;
+  const auto prior = [](const std::optional<double>& given, double configured, double usual) {
+    return given.value_or(std::max(configured, usual));
+  };
+  array.priors.gain_std =
+      prior(options.gain_std, rig->hall_array.gain_std, array.priors.gain_std);
+  array.priors.alignment_std =
+      prior(options.alignment_std, rig->hall_array.alignment_std, array.priors.alignment_std);
+  array.priors.offset_std =
+      prior(options.offset_std, rig->hall_array.offset_std, array.priors.offset_std);
   Progress progress("calibrating the array");
   const ArrayCalibration calibration = calibrate_array(
-      *rig, readings, options.array, [&](double fraction) {
+      *rig, readings, array, [&](double fraction) {
         if (stop_requested()) throw std::runtime_error("stopped");
         progress.update(fraction);
       });
@@ -285,16 +300,13 @@ int run_calibrate(int argc, char** argv) {
   array->add_option("--readings", options.array.most_readings, "readings used, evenly from the log")
       ->check(CLI::Range(50, 5000))
       ->capture_default_str();
-  array->add_option("--gain-std", options.array.priors.gain_std, "prior: relative gain error")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  array->add_option("--alignment-std", options.array.priors.alignment_std,
-                    "prior: misalignment, radians")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  array->add_option("--offset-std", options.array.priors.offset_std, "prior: offset, tesla")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
+  array->add_option("--gain-std", options.gain_std, "one sigma of relative gain errors; by default as configured, at least 0.01")
+      ->check(CLI::PositiveNumber);
+  array->add_option("--alignment-std", options.alignment_std,
+                    "of misalignments, radians; by default as configured, at least 0.0175")
+      ->check(CLI::PositiveNumber);
+  array->add_option("--offset-std", options.offset_std, "of offsets, tesla; by default as configured, at least 5e-6")
+      ->check(CLI::PositiveNumber);
   array->add_option("--position-std", options.array.priors.known_position_std,
                     "error of known poses, metres")
       ->check(CLI::PositiveNumber)

@@ -18,10 +18,16 @@ constexpr Eigen::Index kGlobalSize = 4;  // relative moment, background
 constexpr Eigen::Index kOffset = 3;      // a channel's parameters: response, offset, coil row error
 constexpr Eigen::Index kCoilError = 4;
 constexpr int kMostIterations = 40;
-constexpr double kFirstDamping = 1e-6;  // the start is near: almost Gauss-Newton
+constexpr double kLeastDamping = 1e-7;  // the start is near: almost Gauss-Newton
+constexpr double kRaisedDamping = 1e-3;
 constexpr double kHopelessDamping = 1e6;
 constexpr double kConvergedDecrease = 1e-7;  // relative, of the cost: far below one sigma
 constexpr double kNormalMad = 0.67449;       // median of |standard normal|
+constexpr double kLargestStep = 0.03;        // metres; the field changes its shape beyond
+// One sigma of a pose that is not known, about its start: keeps fixes that the readings hardly
+// determine from running away, far too weak to be felt by others.
+constexpr double kUnknownPosition = 0.1;  // metres
+constexpr double kUnknownAxis = 1;        // radians
 constexpr Eigen::Index kColumnBlock = 96;    // columns of the Schur complement made at a time
 
 }  // namespace
@@ -54,6 +60,7 @@ JointArrayFit::JointArrayFit(const RigConfiguration& rig, const ArrayPriors& pri
       priors_(priors),
       sensors_(rig.hall_array.resolved_sensors()),
       readings_(std::move(readings)),
+      starts_(std::move(starts)),
       num_axes_(rig.hall_array.num_axes),
       num_channels_(static_cast<Eigen::Index>(sensors_.size()) * num_axes_),
       num_coils_(rig.coils.tesla_per_ampere.cols()),
@@ -76,7 +83,7 @@ JointArrayFit::JointArrayFit(const RigConfiguration& rig, const ArrayPriors& pri
     coil_errors_.push_back(std::move(patterns));
   }
   state_.array = Eigen::VectorXd::Zero(num_array_);
-  state_.poses = std::move(starts);
+  state_.poses = starts_;
   state_.current_errors =
       Eigen::MatrixXd::Zero(num_coils_, static_cast<Eigen::Index>(readings_.size()));
 }
@@ -105,6 +112,13 @@ JointArrayFit::Decoded JointArrayFit::decode(const Eigen::VectorXd& array) const
   result.moment = rig_.magnet.moment + rig_.magnet.moment_std * global(0);
   result.background = rig_.magnetic_localizer.background_std * global.tail<3>();
   return result;
+}
+
+JointArrayFit::PosePrior JointArrayFit::pose_prior(std::size_t t) const {
+  if (const auto& known = readings_[t].known_pose) {
+    return {*known, priors_.known_position_std, priors_.known_axis_std};
+  }
+  return {starts_[t], kUnknownPosition, kUnknownAxis};
 }
 
 JointArrayFit::Rows JointArrayFit::linearize(const Decoded& array, const MagnetPose& pose,
@@ -163,11 +177,10 @@ double JointArrayFit::cost(const State& state) const {
       for (const double residual : linearize(array, pose, error, readings_[t]).residual) {
         total += robust_loss(residual);
       }
-      if (const auto& known = readings_[t].known_pose) {
-        total += ((pose.position - known->position) / priors_.known_position_std).squaredNorm();
-        total += (perpendicular_basis(known->axis).transpose() * pose.axis / priors_.known_axis_std)
-                     .squaredNorm();
-      }
+      const PosePrior prior = pose_prior(t);
+      total += ((pose.position - prior.pose.position) / prior.position_std).squaredNorm();
+      total += (perpendicular_basis(prior.pose.axis).transpose() * pose.axis / prior.axis_std)
+                   .squaredNorm();
       costs[t] = total;
     }
   });
@@ -194,18 +207,16 @@ void JointArrayFit::assemble(const State& state, double damping) {
     Eigen::VectorXd right = weighted.transpose() * rows.residual;
     local.diagonal().tail(num_coils_).array() += 1;
     right.tail(num_coils_) -= error;
-    if (const auto& known = readings_[t].known_pose) {
-      const MagnetPose& pose = state.poses[t];
-      const double position = 1 / std::pow(priors_.known_position_std, 2);
-      local.diagonal().head<3>().array() += position;
-      right.head<3>() -= position * (pose.position - known->position);
-      const Eigen::Matrix2d axis_by_step = perpendicular_basis(known->axis).transpose() *
-                                           perpendicular_basis(pose.axis) / priors_.known_axis_std;
-      local.block<2, 2>(3, 3) += axis_by_step.transpose() * axis_by_step;
-      right.segment<2>(3) -= axis_by_step.transpose() *
-                             (perpendicular_basis(known->axis).transpose() * pose.axis) /
-                             priors_.known_axis_std;
-    }
+    const PosePrior prior = pose_prior(t);
+    const MagnetPose& pose = state.poses[t];
+    const double position = 1 / std::pow(prior.position_std, 2);
+    local.diagonal().head<3>().array() += position;
+    right.head<3>() -= position * (pose.position - prior.pose.position);
+    const Eigen::Matrix<double, 2, 3> off_axis =
+        perpendicular_basis(prior.pose.axis).transpose() / prior.axis_std;
+    const Eigen::Matrix2d axis_by_step = off_axis * perpendicular_basis(pose.axis);
+    local.block<2, 2>(3, 3) += axis_by_step.transpose() * axis_by_step;
+    right.segment<2>(3) -= axis_by_step.transpose() * off_axis * pose.axis;
     local.diagonal() *= 1 + damping;
     const Eigen::LLT<Eigen::MatrixXd> factor(local);
     local_factors_[t] = factor.matrixL();
@@ -251,9 +262,10 @@ JointArrayFit::State JointArrayFit::stepped(const State& state) const {
   next.array += step;
   const Eigen::VectorXd right = local_right_ - eliminated_ * step;
   for (std::size_t t = 0; t < readings_.size(); ++t) {
-    const Eigen::VectorXd local =
-        local_factors_[t].triangularView<Eigen::Lower>().transpose().solve(
-            right.segment(static_cast<Eigen::Index>(t) * per_reading_, per_reading_));
+    Eigen::VectorXd local = local_factors_[t].triangularView<Eigen::Lower>().transpose().solve(
+        right.segment(static_cast<Eigen::Index>(t) * per_reading_, per_reading_));
+    const double length = local.head<3>().norm();
+    if (length > kLargestStep) local *= kLargestStep / length;
     MagnetPose& pose = next.poses[t];
     pose.position += local.head<3>();
     pose.axis = (pose.axis + perpendicular_basis(pose.axis) * local.segment<2>(3)).normalized();
@@ -264,7 +276,7 @@ JointArrayFit::State JointArrayFit::stepped(const State& state) const {
 
 bool JointArrayFit::solve(const std::function<void(double)>& progress) {
   cost_ = cost(state_);
-  double damping = kFirstDamping;
+  double damping = kLeastDamping;
   bool converged = false;
   for (int iteration = 0; !converged; ++iteration) {
     if (iteration == kMostIterations || damping > kHopelessDamping) return false;
@@ -273,24 +285,28 @@ bool JointArrayFit::solve(const std::function<void(double)>& progress) {
     assemble(state_, damping);
     State next = stepped(state_);
     const double next_cost = cost(next);
-    fprintf(stderr, "it %d damping %g cost %.10g next %.10g\n", iteration, damping, cost_, next_cost);
     // At the minimum the last digits of the cost go either way.
     const double small = kConvergedDecrease * cost_;
     if (next_cost <= cost_ + small) {
       converged = cost_ - next_cost <= small;
       state_ = std::move(next);
       cost_ = next_cost;
-      damping /= 10;
+      damping = std::max(damping / 10, kLeastDamping);
     } else {
-      damping *= 100;
+      damping = std::max(damping * 10, kRaisedDamping);
     }
   }
   assemble(state_, 0);
   covariance_ = reduced_.selfadjointView<Eigen::Lower>().llt().solve(
       Eigen::MatrixXd::Identity(num_array_, num_array_));
-  poses_ = state_.poses;
   progress(1);
   return true;
+}
+
+void JointArrayFit::move_pose(std::size_t reading, const MagnetPose& pose) {
+  starts_[reading] = pose;
+  state_.poses[reading] = pose;
+  state_.current_errors.col(static_cast<Eigen::Index>(reading)).setZero();
 }
 
 RigConfiguration JointArrayFit::rig() const {
@@ -341,13 +357,20 @@ double JointArrayFit::residual_scale() const {
 }
 
 std::vector<JointArrayFit::ChannelDeviation> JointArrayFit::channel_deviations() const {
-  // An offset pattern that a uniform field makes as well is not an offset: it is projected out.
-  Eigen::MatrixXd offsets(num_channels_, num_channels_);
-  for (Eigen::Index a = 0; a < num_channels_; ++a) {
-    for (Eigen::Index b = 0; b < num_channels_; ++b) {
-      offsets(a, b) = covariance_(a * per_channel_ + kOffset, b * per_channel_ + kOffset);
-    }
+  // Derivative of the readings without magnet and currents, and their covariance. A pattern that a
+  // uniform field makes as well is not an offset: it is projected out.
+  const Decoded array = decode(state_.array);
+  Eigen::MatrixXd by_array = Eigen::MatrixXd::Zero(num_channels_, num_array_);
+  for (Eigen::Index c = 0; c < num_channels_; ++c) {
+    const Eigen::RowVector3d nominal =
+        sensors_[static_cast<std::size_t>(c / num_axes_)].response.row(c % num_axes_);
+    by_array.block<1, 3>(c, c * per_channel_) =
+        array.background.transpose() * response_scale(nominal, priors_);
+    by_array(c, c * per_channel_ + kOffset) = priors_.offset_std;
+    by_array.block<1, 3>(c, num_array_ - 3) =
+        rig_.magnetic_localizer.background_std * array.responses.row(c);
   }
+  Eigen::MatrixXd offsets = by_array * covariance_ * by_array.transpose();
   Eigen::MatrixXd responses(num_channels_, 3);
   for (Eigen::Index c = 0; c < num_channels_; ++c) {
     responses.row(c) =
@@ -369,7 +392,7 @@ std::vector<JointArrayFit::ChannelDeviation> JointArrayFit::channel_deviations()
     const Eigen::RowVector3d along = nominal.normalized();
     const double gain = along * response * along.transpose();
     deviations.push_back({std::sqrt(gain), std::sqrt((response.trace() - gain) / 2),
-                          priors_.offset_std * std::sqrt(std::max(0.0, offsets(c, c)))});
+                          std::sqrt(std::max(0.0, offsets(c, c)))});
   }
   return deviations;
 }

@@ -39,14 +39,17 @@ class JointArrayFit {
   JointArrayFit(const RigConfiguration& rig, const ArrayPriors& priors,
                 std::vector<CalibrationReading> readings, std::vector<MagnetPose> starts);
 
-  // Iterates; progress gets 0..1. False: it did not converge, and there are no deviations.
+  // Iterates from where it stands; progress gets 0..1. False: it did not converge, and there are no
+  // deviations.
   bool solve(const std::function<void(double)>& progress);
 
   // The configuration with the estimates in it: responses, offsets, moment, coil matrix. Its
   // *_std fields still are the configured ones.
   RigConfiguration rig() const;
   Eigen::Vector3d background() const;  // tesla
-  const std::vector<MagnetPose>& poses() const { return poses_; }
+  const std::vector<MagnetPose>& poses() const { return state_.poses; }
+  // A better place for reading t's magnet to go on from.
+  void move_pose(std::size_t reading, const MagnetPose& pose);
   // Of data and priors, per degree of freedom; 1 where the noise is what it is configured to be.
   double chi2_per_dof() const;
   // Typical residual (median, scaled to one sigma of normal ones) in units of the configured noise.
@@ -56,7 +59,9 @@ class JointArrayFit {
   struct ChannelDeviation {
     double gain = 0;       // relative
     double alignment = 0;  // radians, root mean square of both directions
-    double offset = 0;     // tesla, without what is common to all sensors (that is background)
+    // tesla, of the reading without magnet and currents, less what a uniform field makes of it:
+    // offset and response to the background are known far better together than each
+    double offset = 0;
   };
   std::vector<ChannelDeviation> channel_deviations() const;
   double moment_deviation() const;  // A m^2
@@ -78,6 +83,12 @@ class JointArrayFit {
     std::vector<MagnetPose> poses;
     Eigen::MatrixXd current_errors;  // num_coils x readings, in sigmas
   };
+  struct PosePrior {
+    MagnetPose pose;
+    double position_std;
+    double axis_std;
+  };
+  PosePrior pose_prior(std::size_t reading) const;
   Decoded decode(const Eigen::VectorXd& array) const;
   double cost(const State& state) const;
   void assemble(const State& state, double damping);
@@ -97,6 +108,7 @@ class JointArrayFit {
   ArrayPriors priors_;
   std::vector<HallSensorConfiguration> sensors_;
   std::vector<CalibrationReading> readings_;
+  std::vector<MagnetPose> starts_;
   Eigen::Index num_axes_;
   Eigen::Index num_channels_;
   Eigen::Index num_coils_;
@@ -110,7 +122,6 @@ class JointArrayFit {
   double octupole_ratio_;
 
   State state_;
-  std::vector<MagnetPose> poses_;
   double cost_ = 0;
   // The linear system of the last assemble().
   Eigen::MatrixXd reduced_;      // Schur complement, lower triangle

@@ -27,8 +27,7 @@ double chi_square_quantile(double probability, double degrees_of_freedom) {
   double high = degrees_of_freedom + 1;
   while (below(high)) high *= 2;
   // Bisection down to the spacing of doubles.
-  for (double middle = (low + high) / 2; middle > low && middle < high;
-       middle = (low + high) / 2) {
+  for (double middle = (low + high) / 2; middle > low && middle < high; middle = (low + high) / 2) {
     (below(middle) ? low : high) = middle;
   }
   return high;

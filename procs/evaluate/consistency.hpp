@@ -18,9 +18,9 @@ double chi_square_quantile(double probability, double degrees_of_freedom);
 
 struct Consistency {
   std::size_t count = 0;
-  double mean = 0;       // the degrees of freedom when the covariances are right
+  double mean = 0;  // the degrees of freedom when the covariances are right
   double median = 0;
-  double band_low = 0;   // where the mean of that many independent errors lies in 95 % of cases
+  double band_low = 0;  // where the mean of that many independent errors lies in 95 % of cases
   double band_high = 0;
   double share_inside = 0;  // of the single values inside their own 95 % band; 0.95 when right
 };

@@ -67,8 +67,7 @@ Matrix5d CramerRaoBound::covariance(const Eigen::Vector3d& position, const Eigen
     Eigen::MatrixXd covariance = square(alignment_std_) * turned * turned.transpose();
     covariance.diagonal().array() +=
         noise_variance_ + square(gain_std_) * (response * magnet.field).array().square();
-    const Eigen::MatrixXd whitened =
-        covariance.llt().matrixL().solve(jacobian);
+    const Eigen::MatrixXd whitened = covariance.llt().matrixL().solve(jacobian);
     information.selfadjointView<Eigen::Lower>().rankUpdate(whitened.transpose());
   }
   information.diagonal().segment<3>(kBackground).array() += 1 / square(background_std_);

@@ -22,9 +22,9 @@ class CramerRaoBound {
   CramerRaoBound(const RigConfiguration& configuration, Noise noise);
 
   // Covariance of position (m^2, rig frame) and of two rotations (rad^2) about
-  // perpendicular_basis(axis), for a magnet at `position` with the unit `axis`. Channels are counted
-  // sensor by sensor; those in `unused` (ascending) tell nothing. Not positive definite readings
-  // (too few channels) give infinite variances.
+  // perpendicular_basis(axis), for a magnet at `position` with the unit `axis`. Channels are
+  // counted sensor by sensor; those in `unused` (ascending) tell nothing. Not positive definite
+  // readings (too few channels) give infinite variances.
   Matrix5d covariance(const Eigen::Vector3d& position, const Eigen::Vector3d& axis,
                       std::span<const int> unused = {}) const;
 

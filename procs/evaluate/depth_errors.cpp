@@ -149,8 +149,8 @@ DepthErrors compare_depth(const DepthPicture& estimate, const DepthPicture& trut
     errors.sum_absolute += std::abs(error);
     errors.sum_squared += error * error;
     errors.sum_relative += std::abs(error) / static_cast<double>(expected[i]);
-    errors.sum_absolute_scaled +=
-        std::abs(errors.scale * static_cast<double>(estimated[i]) - static_cast<double>(expected[i]));
+    errors.sum_absolute_scaled += std::abs(errors.scale * static_cast<double>(estimated[i]) -
+                                           static_cast<double>(expected[i]));
   }
   return errors;
 }

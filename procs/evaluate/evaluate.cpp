@@ -50,8 +50,7 @@ void print_summary(const Metrics& metrics) {
     if (key.starts_with("note.")) {
       spdlog::warn("{}", std::get<std::string>(value));
     } else if (ends_with_one_of(key)) {
-      std::visit(
-          [&name = key](const auto& v) { fmt::print("{:<48} {}\n", name, v); }, value);
+      std::visit([&name = key](const auto& v) { fmt::print("{:<48} {}\n", name, v); }, value);
     }
   }
 }
@@ -110,12 +109,8 @@ int run_evaluate(int argc, char** argv) {
   CLI::App* trajectories = app.add_subcommand(
       "trajectories", "scores one trajectory file against another and prints the statistics");
   evaluation::TrajectoryComparison& comparison = options.comparison;
-  trajectories->add_option("estimate", comparison.estimate)
-      ->required()
-      ->check(CLI::ExistingFile);
-  trajectories->add_option("ground_truth", comparison.truth)
-      ->required()
-      ->check(CLI::ExistingFile);
+  trajectories->add_option("estimate", comparison.estimate)->required()->check(CLI::ExistingFile);
+  trajectories->add_option("ground_truth", comparison.truth)->required()->check(CLI::ExistingFile);
   trajectories->add_option("--format", comparison.format, "tum (default) or kitti")
       ->transform(CLI::CheckedTransformer(std::map<std::string, evaluation::TrajectoryFormat>{
           {"tum", evaluation::TrajectoryFormat::kTum},

@@ -23,7 +23,7 @@ namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 // A DEPTH picture and its truth may be this many pictures apart in the log.
 constexpr std::size_t kMaxPendingPictures = 64;
-constexpr std::size_t kMaxExamples = 6;
+constexpr std::size_t kFewestExamples = 3;  // twice as many are never kept
 
 Eigen::Vector3d vector3(const double (&v)[3]) { return {v[0], v[1], v[2]}; }
 
@@ -162,9 +162,9 @@ class ExampleKeeper {
   bool wanted() { return number_++ % stride_ == 0; }
   void keep(DepthExample example) {
     examples_.push_back(std::move(example));
-    if (examples_.size() < 2 * kMaxExamples) return;
-    for (std::size_t i = 1; i < kMaxExamples; ++i) examples_[i] = std::move(examples_[2 * i]);
-    examples_.resize(kMaxExamples);
+    if (examples_.size() < 2 * kFewestExamples) return;
+    for (std::size_t i = 1; i < kFewestExamples; ++i) examples_[i] = std::move(examples_[2 * i]);
+    examples_.resize(kFewestExamples);
     stride_ *= 2;
   }
 
@@ -311,12 +311,13 @@ void RunReader::add_notes() {
   if (!run_.damage.empty()) note(run_.damage + "; everything before it was used");
   for (const auto& [name, count] : run_.channels) {
     if (count.corrupt == 0) continue;
-    note(std::to_string(count.corrupt) + " of " + std::to_string(count.messages) +
-         " messages of " + name + " are damaged or of another type and were left out");
+    note(std::to_string(count.corrupt) + " of " + std::to_string(count.messages) + " messages of " +
+         name + " are damaged or of another type and were left out");
   }
   if (configuration_text_.empty()) {
-    note("there is no RIG_CONFIG in the log: where the magnet sits in the capsule is unknown, so "
-         "magnetic poses are not compared with the truth");
+    note(
+        "there is no RIG_CONFIG in the log: where the magnet sits in the capsule is unknown, so "
+        "magnetic poses are not compared with the truth");
   }
   if (configuration_changed_) {
     note("RIG_CONFIG changes within the log; the first one was used throughout");

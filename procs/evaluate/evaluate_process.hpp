@@ -53,8 +53,8 @@ struct RecordedRun {
   std::map<std::string, ChannelCount> channels;
   std::int64_t first_utime = 0;  // recorded time, microseconds
   std::int64_t last_utime = 0;
-  std::string damage;            // of the log, with its offset; empty: none
-  TruthTrack truth;              // rig_T_camera
+  std::string damage;                      // of the log, with its offset; empty: none
+  TruthTrack truth;                        // rig_T_camera
   std::vector<PoseChannel> pose_channels;  // those with messages
   std::vector<HallReading> hall_readings;
   DepthSeries depth;

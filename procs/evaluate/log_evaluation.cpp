@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <numbers>
 
@@ -112,6 +113,33 @@ void set_bound_metrics(Metrics& metrics, const std::vector<BoundSample>& bounds,
       &BoundSample::axis_sensor_noise_only);
 }
 
+// How far the magnet is from the nearest sensor, and the errors of the fixes within 5 cm, for which
+// targets are given.
+void set_distance_metrics(Metrics& metrics, const RigConfiguration& configuration,
+                          const PoseChannel& magnetic, const PoseEvaluation& evaluation) {
+  constexpr double kNear = 0.05;  // metres
+  const auto sensors = configuration.hall_array.resolved_sensors();
+  std::vector<double> distances;
+  std::vector<double> position;
+  std::vector<double> rotation;
+  for (std::size_t i = 0; i < magnetic.fixes.size(); ++i) {
+    const FixErrors& errors = evaluation.fixes[i];
+    if (!errors.truth) continue;
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const HallSensorConfiguration& sensor : sensors) {
+      nearest = std::min(nearest, (sensor.position - errors.truth->translation).norm());
+    }
+    distances.push_back(nearest);
+    if (nearest > kNear || !magnetic.usable(magnetic.fixes[i])) continue;
+    position.push_back(errors.position.norm());
+    rotation.push_back(errors.rotation);
+  }
+  metrics.set_statistics(magnetic.name + ".sensor_distance", distances);
+  metrics.set_count(magnetic.name + ".within_5cm.count", position.size());
+  metrics.set_statistics(magnetic.name + ".within_5cm.position", position);
+  metrics.set_statistics(magnetic.name + ".within_5cm.axis_deg", rotation, kDegreesPerRadian);
+}
+
 void set_depth_metrics(Metrics& metrics, const DepthSeries& depth) {
   DepthErrors total;
   std::vector<double> scales;
@@ -167,12 +195,15 @@ Metrics evaluate_log(const std::string& log, const std::string& folder) {
     write_tum(folder + "/" + channel.name + ".tum", evaluation.usable.estimate);
     if (magnet) {
       write_tum(folder + "/GROUND_TRUTH_MAGNET.tum", truth_trajectory(run.truth, camera_T_magnet));
+      if (run.configuration) {
+        set_distance_metrics(metrics, *run.configuration, channel, evaluation);
+      }
       set_bound_metrics(metrics, bounds, &channel, &evaluation);
       bounds_set = true;
     }
-    write_pose_series(folder + "/" + channel.name + ".csv", channel, evaluation,
-                      magnet ? std::span<const BoundSample>(bounds)
-                             : std::span<const BoundSample>());
+    write_pose_series(
+        folder + "/" + channel.name + ".csv", channel, evaluation,
+        magnet ? std::span<const BoundSample>(bounds) : std::span<const BoundSample>());
   }
   if (!bounds_set) set_bound_metrics(metrics, bounds, nullptr, nullptr);
   if (!run.depth.frames.empty()) {

@@ -36,7 +36,7 @@ class Metrics {
 void set_absolute_errors(Metrics& metrics, const std::string& key,
                          const MatchedTrajectory& matched);
 // KEY.count, KEY.trans (metres) and KEY.rot_deg.
-void set_relative_errors(Metrics& metrics, const std::string& key,
-                         const MatchedTrajectory& matched, const PairSelection& selection);
+void set_relative_errors(Metrics& metrics, const std::string& key, const MatchedTrajectory& matched,
+                         const PairSelection& selection);
 
 }  // namespace gastronaut::evaluation

@@ -98,8 +98,7 @@ PoseEvaluation evaluate_pose_channel(const PoseChannel& channel, const TruthTrac
     }
     if (!channel.usable(fix)) continue;
     result.usable.estimate.utimes.push_back(fix.utime);
-    result.usable.estimate.poses.push_back(
-        comparable_pose(channel.kind, fix.pose, errors.truth));
+    result.usable.estimate.poses.push_back(comparable_pose(channel.kind, fix.pose, errors.truth));
     result.usable.truth.push_back(errors.truth ? std::optional(to_pose(*errors.truth))
                                                : std::nullopt);
   }
@@ -140,7 +139,8 @@ void set_pose_metrics(Metrics& metrics, const PoseChannel& channel,
   metrics.set_count(name + ".with_truth", matched.estimate.size());
   metrics.set(name + ".availability", evaluation.availability);
   set_absolute_errors(metrics, name + ".ate", matched);
-  for (const char* text : {"1frames", "1s", "2mm", "5mm", "10mm", "20mm", "50mm", "100mm", "5deg"}) {
+  for (const char* text :
+       {"1frames", "1s", "2mm", "5mm", "10mm", "20mm", "50mm", "100mm", "5deg"}) {
     const PairSelection selection{parse_delta(text), true, true};
     set_relative_errors(metrics, name + ".rpe." + text, matched, selection);
   }

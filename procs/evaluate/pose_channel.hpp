@@ -15,17 +15,17 @@
 namespace gastronaut::evaluation {
 
 enum class PoseKind {
-  kMagnet,          // 5-DoF rig_T_magnet, the rotation about the magnet's z axis being arbitrary;
-                    // covariance: position, two rotations about perpendicular_basis(axis)
-  kCameraInRig,     // rig_T_camera; covariance: translation (rig frame), rotation (camera frame)
-  kCameraInMap,     // map_T_camera, compared after SE(3) alignment; covariance: translation and
-                    // rotation, both in the camera frame
+  kMagnet,       // 5-DoF rig_T_magnet, the rotation about the magnet's z axis being arbitrary;
+                 // covariance: position, two rotations about perpendicular_basis(axis)
+  kCameraInRig,  // rig_T_camera; covariance: translation (rig frame), rotation (camera frame)
+  kCameraInMap,  // map_T_camera, compared after SE(3) alignment; covariance: translation and
+                 // rotation, both in the camera frame
 };
 
 struct PoseFix {
-  std::int64_t utime = 0;  // microseconds
-  std::int8_t status = 0;  // index into the channel's statuses
-  SE3 pose;                // NaN where the message held none
+  std::int64_t utime = 0;                  // microseconds
+  std::int8_t status = 0;                  // index into the channel's statuses
+  SE3 pose;                                // NaN where the message held none
   Matrix6d covariance = Matrix6d::Zero();  // the channel's degrees of freedom, top left
 };
 
@@ -55,8 +55,8 @@ struct FixErrors {
   std::optional<SE3> truth;  // of what the channel tells: camera or magnet, in the rig frame
   SE3 aligned;               // the fix in the rig frame
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // estimate minus truth, metres, rig frame
-  double rotation = 0;       // radians; of the axis for a magnet
-  std::optional<double> normalised_squared;  // NEES
+  double rotation = 0;                                 // radians; of the axis for a magnet
+  std::optional<double> normalised_squared;            // NEES
 };
 
 struct PoseEvaluation {

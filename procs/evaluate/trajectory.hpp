@@ -18,9 +18,7 @@ struct Pose {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();  // metres
 
-  Pose inverse() const {
-    return {rotation.transpose(), -(rotation.transpose() * translation)};
-  }
+  Pose inverse() const { return {rotation.transpose(), -(rotation.transpose() * translation)}; }
   Pose operator*(const Pose& other) const {
     return {rotation * other.rotation, rotation * other.translation + translation};
   }
@@ -32,7 +30,8 @@ Pose to_pose(const SE3& transform);
 double rotation_angle(const Eigen::Matrix3d& rotation);
 
 struct Trajectory {
-  std::vector<std::int64_t> utimes;  // microseconds, ascending; frame numbers where there is no time
+  std::vector<std::int64_t>
+      utimes;  // microseconds, ascending; frame numbers where there is no time
   std::vector<Pose> poses;
 
   std::size_t size() const { return utimes.size(); }

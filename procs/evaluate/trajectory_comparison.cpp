@@ -57,9 +57,9 @@ ComparedTrajectories compare_trajectories(const TrajectoryComparison& comparison
   }
   const std::size_t pairs = result.matched.count_matched();
   if (pairs == 0) {
-    throw std::runtime_error(fmt::format(
-        "no pose of {} lies within {} s of one of {}; are these the same recording?",
-        comparison.estimate, comparison.max_difference, comparison.truth));
+    throw std::runtime_error(
+        fmt::format("no pose of {} lies within {} s of one of {}; are these the same recording?",
+                    comparison.estimate, comparison.max_difference, comparison.truth));
   }
   const std::string name = kName;
   result.metrics.set("run.log", std::filesystem::path(comparison.estimate).filename().string());
@@ -82,11 +82,11 @@ std::string describe(const TrajectoryComparison& comparison, const ComparedTraje
                                  matched.estimate.size());
   const auto absolute = [&](const char* how, AlignmentKind kind) {
     const Alignment alignment = align(matched, kind);
-    text += table(fmt::format("APE w.r.t. translation part (m), {}{}", how,
-                              kind == AlignmentKind::kSim3
-                                  ? fmt::format(", scale {:.9f}", alignment.scale)
-                                  : ""),
-                  statistics(absolute_errors(matched, alignment)), 1);
+    text += table(
+        fmt::format(
+            "APE w.r.t. translation part (m), {}{}", how,
+            kind == AlignmentKind::kSim3 ? fmt::format(", scale {:.9f}", alignment.scale) : ""),
+        statistics(absolute_errors(matched, alignment)), 1);
     if (!alignment.rotation_determined) {
       text += "(the positions lie on a line: the alignment's rotation about it is arbitrary)\n\n";
     }

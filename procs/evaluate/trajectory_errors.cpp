@@ -37,8 +37,8 @@ std::vector<double> path_lengths(const MatchedTrajectory& matched, DeltaUnit uni
                std::numbers::pi;
         break;
       case DeltaUnit::kSeconds:
-        step = static_cast<double>(matched.estimate.utimes[i] - matched.estimate.utimes[i - 1]) *
-               1e-6;
+        step =
+            static_cast<double>(matched.estimate.utimes[i] - matched.estimate.utimes[i - 1]) * 1e-6;
         break;
     }
     lengths[i] = lengths[i - 1] + step;
@@ -49,8 +49,8 @@ std::vector<double> path_lengths(const MatchedTrajectory& matched, DeltaUnit uni
 // Index whose length is nearest to that of `from` plus delta.
 std::size_t nearest_ahead(const std::vector<double>& lengths, std::size_t from, double delta) {
   const double wanted = lengths[from] + delta;
-  const auto after = std::lower_bound(lengths.begin() + static_cast<std::ptrdiff_t>(from),
-                                      lengths.end(), wanted);
+  const auto after =
+      std::lower_bound(lengths.begin() + static_cast<std::ptrdiff_t>(from), lengths.end(), wanted);
   auto index = static_cast<std::size_t>(after - lengths.begin());
   if (index == lengths.size()) return index - 1;
   if (index > from && wanted - lengths[index - 1] <= lengths[index] - wanted) --index;
@@ -169,8 +169,7 @@ std::vector<std::pair<std::size_t, std::size_t>> select_pairs(const MatchedTraje
   if (unit == DeltaUnit::kSeconds || selection.all_pairs) {
     for (std::size_t i = 0; i + 1 < lengths.size(); ++i) {
       const std::size_t j = nearest_ahead(lengths, i, value);
-      const bool close =
-          std::abs(lengths[j] - lengths[i] - value) <= selection.tolerance * value;
+      const bool close = std::abs(lengths[j] - lengths[i] - value) <= selection.tolerance * value;
       if (j == i || !close) continue;
       // The last pose may be nearest only because the trajectory ends there.
       if (unit != DeltaUnit::kSeconds) {

@@ -50,8 +50,7 @@ Pose kitti_pose(const std::vector<double>& row) {
   const Eigen::Matrix<double, 3, 4> matrix =
       Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(row.data());
   const Eigen::Matrix3d rotation = matrix.leftCols<3>();
-  const double defect =
-      (rotation.transpose() * rotation - Eigen::Matrix3d::Identity()).norm();
+  const double defect = (rotation.transpose() * rotation - Eigen::Matrix3d::Identity()).norm();
   if (defect > kMaxRotationDefect || rotation.determinant() < 0) {
     throw std::runtime_error("the 3x3 part is not a rotation matrix");
   }

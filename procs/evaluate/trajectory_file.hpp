@@ -11,8 +11,8 @@ namespace gastronaut::evaluation {
 enum class TrajectoryFormat { kTum, kKitti };
 
 // Throws std::runtime_error naming file and line for what is not a pose; comments (#) and empty
-// lines are skipped. Poses are sorted by time; of several at one time the last one counts, as in the
-// TUM benchmark's tools. KITTI poses get their row number as utime.
+// lines are skipped. Poses are sorted by time; of several at one time the last one counts, as in
+// the TUM benchmark's tools. KITTI poses get their row number as utime.
 Trajectory read_trajectory(const std::string& path, TrajectoryFormat format);
 
 // Throws std::runtime_error when the file cannot be written.

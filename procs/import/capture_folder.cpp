@@ -114,9 +114,12 @@ RigConfiguration read_capture_calibration(const std::string& path) {
   CaptureCalibration calibration;
   read_configuration(calibration, {source}, {});
   RigConfiguration rig = calibration.rig;
-  rig.name = std::filesystem::absolute(path).parent_path().filename().string();
+  const std::filesystem::path folder = std::filesystem::absolute(path).parent_path();
+  rig.name = folder.filename().string();
   if (calibration.depth.metres_per_count > 0) {
     rig.camera.metres_per_depth_count = calibration.depth.metres_per_count;
+  } else if (std::filesystem::exists(folder / "depth")) {
+    throw ConfigurationError(path + ": depth.metres_per_count is missing");
   }
   const std::vector<double>& q = calibration.camera_T_magnet.q_xyzw;
   rig.camera_T_magnet.translation = calibration.camera_T_magnet.t;

@@ -4,7 +4,6 @@
 
 #include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <stdexcept>
 
 namespace gastronaut {
@@ -14,8 +13,10 @@ template <class Bytes>
 Bytes read(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file) throw std::runtime_error(path + ": cannot be opened");
-  Bytes bytes{std::istreambuf_iterator<char>(file), {}};
-  if (file.bad()) throw std::runtime_error(path + ": cannot be read");
+  if (!std::filesystem::is_regular_file(path)) throw std::runtime_error(path + ": is not a file");
+  Bytes bytes(std::filesystem::file_size(path), 0);
+  file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  if (!file) throw std::runtime_error(path + ": cannot be read");
   return bytes;
 }
 

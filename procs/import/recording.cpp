@@ -21,8 +21,9 @@ std::vector<StampedPose> make_poses(const PoseTable& table, double seconds_per_f
 }
 
 Series read_series(const std::string& path, std::size_t columns, double epoch, Issues& issues) {
-  const Series series =
-      make_series(parse_table(read_text(path), columns + 1, path, issues), epoch, path, issues);
+  // In two statements: the text of an hour's readings is gigabytes, and not needed any more.
+  const Table table = parse_table(read_text(path), columns + 1, path, issues);
+  const Series series = make_series(table, epoch, path, issues);
   if (series.size() == 0) {
     throw std::runtime_error(path + ": has no usable row; expected the time in seconds and " +
                              std::to_string(columns) + " numbers in each");

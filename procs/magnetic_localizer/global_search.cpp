@@ -12,12 +12,12 @@ namespace {
 // The nearer the magnet, the finer its field's pattern over the array: layers of points grow
 // further apart with depth, and so do the points of a layer.
 constexpr double kNearestLayer = 0.012;  // metres below the array's lowest sensor
-constexpr double kLayerRatio = 1.5;
-constexpr double kSpacingPerDepth = 0.7;
+constexpr double kLayerRatio = 1.4;
+constexpr double kSpacingPerDepth = 0.6;
 constexpr double kFinestSpacing = 0.022;  // metres
 // Points that are tried again with wrong sensors' say taken from them, and candidates in the end.
-constexpr std::size_t kMostRetried = 60;
-constexpr std::size_t kMostCandidates = 8;
+constexpr std::size_t kMostRetried = 80;
+constexpr std::size_t kMostCandidates = 24;
 // In the second trial nothing is weighed more than a sensor that is off by this many standard
 // deviations.
 constexpr double kLeastDeviation = 3;

@@ -15,6 +15,9 @@ namespace {
 constexpr double kStartingSlack = 10;
 // Leaving outliers out may bring others to light.
 constexpr int kMostRounds = 5;
+// While searching does not help, it is tried again after 1, 2, 4... readings: the last fix stays
+// the start of every reading, and the search costs a hundred times as much.
+constexpr int kMostPatience = 8;
 // chi2_per_dof that chance exceeds once in hundreds of readings, or in a million.
 constexpr double kSignificant = 3;
 constexpr double kCertain = 5;
@@ -57,17 +60,29 @@ MagneticFix MagneticLocalizer::localize(const HallReading& reading,
     return unknown_pose(FixStatus::kSaturated);
   }
   std::optional<Solution> solution;
-  if (last_) solution = explain(*last_, false);
+  if (last_) solution = explain(*last_);
   if (!solution || !explains(*solution)) {
     if (background_explains()) return unknown_pose(FixStatus::kTooFar);
-    for (const MagnetState& start : search()) {
-      const Solution found = explain(start, true);
-      if (!solution || found.cost < solution->cost) solution = found;
+    if (!last_ || readings_until_search_-- <= 0) {
+      for (const MagnetState& start : search()) {
+        const Solution found = explain(start);
+        // A mono-axial plane cannot tell above from below; the magnet is below.
+        if (found.fit.state.position.z() > array_.position[2].maxCoeff()) continue;
+        if (!solution || found.cost < solution->cost) solution = found;
+      }
+      // Once more, with the noise weighed for the state found.
+      if (solution && solution->fit.converged) solution = explain(solution->fit.state);
+      readings_until_search_ = patience_;
+      patience_ = std::min(2 * patience_, kMostPatience);
     }
   }
   if (!solution) return unknown_pose(FixStatus::kNoFix);
   const MagneticFix fix = judge(*solution, coil_field_left_in);
-  if (fix.status == FixStatus::kOk) last_ = fix.state;
+  if (fix.status == FixStatus::kOk) {
+    last_ = fix.state;
+    readings_until_search_ = 0;
+    patience_ = 1;
+  }
   return fix;
 }
 
@@ -117,8 +132,7 @@ bool MagneticLocalizer::explains(const Solution& solution) const {
              limits_.max_outlier_fraction * static_cast<double>(array_.num_sensors);
 }
 
-MagneticLocalizer::Solution MagneticLocalizer::explain(const MagnetState& start,
-                                                       bool roughly_known) {
+MagneticLocalizer::Solution MagneticLocalizer::explain(const MagnetState& start) {
   Solution solution;
   solution.fit.state = start;
   model_.field(start, field_);
@@ -140,9 +154,7 @@ MagneticLocalizer::Solution MagneticLocalizer::explain(const MagnetState& start,
       model_.field(solution.fit.state, field_);
     }
     const int num_outliers = find_outliers(limits_.outlier_sigmas, new_outliers_);
-    // From a rough start the weights have to follow the state.
-    const bool settled = new_outliers_ == outliers_ && !(roughly_known && round == 1);
-    if (settled || round == kMostRounds) break;
+    if (new_outliers_ == outliers_ || round == kMostRounds) break;
     outliers_.swap(new_outliers_);
     solution.num_outliers = num_outliers;
     weigh(reading_, covariance_, information_);
@@ -210,7 +222,9 @@ Eigen::Vector3d MagneticLocalizer::uniform_field(const FieldInformation& informa
 
 int MagneticLocalizer::find_outliers(double sigmas, std::vector<char>& outliers) {
   sensor_misfits(information_, field_, misfits_);
-  const auto num_sensors = static_cast<std::size_t>(array_.num_sensors);
+  outliers.assign(static_cast<std::size_t>(array_.num_sensors), 0);
+  double limit = sigmas * sigmas;
+  if ((misfits_.array() <= limit).all()) return 0;
   sorted_.clear();
   for (Eigen::Index s = 0; s < array_.num_sensors; ++s) {
     if (information_.scalar[s] > 0) {
@@ -219,11 +233,9 @@ int MagneticLocalizer::find_outliers(double sigmas, std::vector<char>& outliers)
   }
   const auto middle = sorted_.begin() + static_cast<std::ptrdiff_t>(sorted_.size() / 2);
   std::nth_element(sorted_.begin(), middle, sorted_.end());
-  const double common = sorted_.empty() ? 1.0 : std::max(1.0, *middle);
-  const double limit = sigmas * sigmas * common;
-  outliers.resize(num_sensors);
+  limit *= std::max(1.0, *middle);
   int count = 0;
-  for (std::size_t s = 0; s < num_sensors; ++s) {
+  for (std::size_t s = 0; s < outliers.size(); ++s) {
     outliers[s] = misfits_[static_cast<Eigen::Index>(s)] > limit ? 1 : 0;
     count += outliers[s];
   }

@@ -67,7 +67,7 @@ class MagneticLocalizer {
     double cost = std::numeric_limits<double>::infinity();
   };
 
-  Solution explain(const MagnetState& start, bool roughly_known);
+  Solution explain(const MagnetState& start);
   std::vector<MagnetState> search();
   bool explains(const Solution& solution) const;
   bool background_explains();
@@ -96,7 +96,9 @@ class MagneticLocalizer {
   NoiseModel noise_;
   GlobalSearch search_;
   std::unique_ptr<Estimator> estimator_;
-  std::optional<MagnetState> last_;
+  std::optional<MagnetState> last_;  // good fix
+  int readings_until_search_ = 0;
+  int patience_ = 1;  // readings between searches that do not help
 
   // Workspace, so that a warm fix allocates nothing.
   CleanReading reading_;
