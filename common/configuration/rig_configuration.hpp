@@ -188,7 +188,8 @@ enum class MagneticEstimator {
 
 struct MagneticLocalizerConfiguration {
   MagneticEstimator estimator = MagneticEstimator::kFullField;
-  bool estimate_moment = false;     // as one more unknown, with magnet.moment_std as its prior
+  // As one more unknown, with magnet.moment_std as its prior; else it is taken as exactly known.
+  bool estimate_moment = true;
   double background_std = 1e-4;     // tesla, one sigma of the uniform background's prior, per axis
   double max_position_std = 0.005;  // metres: a fix that predicts worse is TOO_FAR
   double max_axis_std = 0.2;        // radians, likewise

@@ -28,7 +28,7 @@ const Eigen::Vector3f kFluidGlow(0.34F, 0.31F, 0.17F);
 const Eigen::Vector3f kOccluder(0.55F, 0.09F, 0.06F);  // tissue on the lens, lit from behind
 
 float* pixel(std::vector<float>& picture, int width, int row, int col) {
-  return &picture[3 * static_cast<std::size_t>(row * width + col)];
+  return picture.data() + 3 * (static_cast<std::ptrdiff_t>(row) * width + col);
 }
 
 // Standard normal quantiles: a lookup costs far less than logarithms and sines for each pixel.
@@ -133,6 +133,7 @@ std::vector<SE3> CameraSimulator::poses_while_open(double time) const {
   const int shots =
       std::clamp(static_cast<int>(std::ceil(motion / kPixelsBetweenShots)), 1, kMostShots);
   std::vector<SE3> poses;
+  poses.reserve(static_cast<std::size_t>(shots));
   for (int i = 0; i < shots; ++i) poses.push_back(pose((i + 0.5) / shots));
   return poses;
 }
@@ -164,13 +165,13 @@ void CameraSimulator::blur(std::vector<float>& picture, double sigma) const {
     source = picture;
     parallel_for_chunks(
         static_cast<std::size_t>(height), kRowsPerChunk, [&](std::size_t begin, std::size_t end) {
-          for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
+          for (auto row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
             for (int col = 0; col < width; ++col) {
               Eigen::Vector3f mean = Eigen::Vector3f::Zero();
               for (int i = -reach; i <= reach; ++i) {
                 const int r = across ? row : std::clamp(row + i, 0, height - 1);
                 const int c = across ? std::clamp(col + i, 0, width - 1) : col;
-                mean += kernel[static_cast<std::size_t>(i + reach)] *
+                mean += kernel.data()[reach + i] *
                         Eigen::Map<const Eigen::Vector3f>(pixel(source, width, r, c));
               }
               Eigen::Map<Eigen::Vector3f> blurred(pixel(picture, width, row, col));

@@ -29,7 +29,7 @@ struct OrganShape;
 
 class Organ {
  public:
-  // Throws std::runtime_error when organ.mesh cannot be read.
+  // Throws ConfigurationError when organ.mesh cannot be read.
   explicit Organ(const OrganConfiguration& organ);
 
   const OrganConfiguration& configuration() const { return organ_; }

@@ -6,7 +6,6 @@
 #include <fstream>
 #include <map>
 #include <numbers>
-#include <stdexcept>
 
 #include "virtual_rig/organ_shape.hpp"
 
@@ -20,9 +19,9 @@ constexpr double kAxisMargin = 0.03;
 
 TriangleMesh read_vtk(const std::string& path) {
   std::ifstream file(path);
-  if (!file) throw std::runtime_error(path + ": cannot be opened; is organ.mesh right?");
-  const auto fail = [&path](const std::string& problem) -> std::runtime_error {
-    return std::runtime_error(path + ": " + problem +
+  if (!file) throw ConfigurationError(path + ": cannot be opened; is organ.mesh right?");
+  const auto fail = [&path](const std::string& problem) -> ConfigurationError {
+    return ConfigurationError(path + ": " + problem +
                               "; wanted is VTK legacy PolyData in ASCII, triangles, millimetres");
   };
   TriangleMesh mesh;

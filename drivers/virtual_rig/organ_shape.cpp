@@ -4,7 +4,6 @@
 #include <cmath>
 #include <map>
 #include <numbers>
-#include <stdexcept>
 
 namespace gastronaut {
 namespace {

@@ -14,7 +14,8 @@ struct OrganShape {
 OrganShape procedural_stomach(const OrganConfiguration& organ);
 
 // A closed mesh in millimetres, subdivided to organ.edge, turned so that its longest direction is
-// the rig's x and its middle one y, and centred on the origin.
+// the rig's x and its middle one y, and centred on the origin. Throws ConfigurationError when the
+// file cannot be read or is something else.
 OrganShape organ_from_file(const OrganConfiguration& organ);
 
 }  // namespace gastronaut

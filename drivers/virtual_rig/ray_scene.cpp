@@ -1,5 +1,6 @@
 #include "virtual_rig/ray_scene.hpp"
 
+#include <algorithm>
 #include <cstring>
 #include <stdexcept>
 
@@ -21,7 +22,7 @@ RayScene::RayScene(const TriangleMesh& mesh, bool moves) {
                                             sizeof(Triangle), mesh.triangles.size());
   if (buffer_ == nullptr || triangles == nullptr) throw std::bad_alloc();
   std::memcpy(triangles, mesh.triangles.data(), mesh.triangles.size() * sizeof(Triangle));
-  std::memcpy(buffer_, mesh.vertices.data(), mesh.vertices.size() * sizeof(Eigen::Vector3f));
+  fill_vertices(mesh.vertices);
   rtcCommitGeometry(geometry_);
   rtcAttachGeometry(scene_, geometry_);
   rtcCommitScene(scene_);
@@ -33,8 +34,15 @@ RayScene::~RayScene() {
   rtcReleaseDevice(device_);
 }
 
+void RayScene::fill_vertices(const std::vector<Eigen::Vector3f>& vertices) {
+  auto* coordinates = static_cast<float*>(buffer_);
+  for (const Eigen::Vector3f& vertex : vertices) {
+    coordinates = std::copy(vertex.begin(), vertex.end(), coordinates);
+  }
+}
+
 void RayScene::move_vertices(const std::vector<Eigen::Vector3f>& vertices) {
-  std::memcpy(buffer_, vertices.data(), vertices.size() * sizeof(Eigen::Vector3f));
+  fill_vertices(vertices);
   rtcUpdateGeometryBuffer(geometry_, RTC_BUFFER_TYPE_VERTEX, 0);
   rtcCommitGeometry(geometry_);
   rtcCommitScene(scene_);

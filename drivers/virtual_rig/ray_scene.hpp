@@ -26,6 +26,8 @@ class RayScene {
   void occluded(const int* valid, RTCRay16& rays) const;
 
  private:
+  void fill_vertices(const std::vector<Eigen::Vector3f>& vertices);
+
   RTCDevice device_ = nullptr;
   RTCScene scene_ = nullptr;
   RTCGeometry geometry_ = nullptr;

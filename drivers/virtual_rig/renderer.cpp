@@ -260,9 +260,10 @@ std::vector<float> Renderer::depth(const SE3& rig_T_camera) const {
     for (std::size_t i = 0; i < kWidth; ++i) {
       if (block.pixel[i] < 0) continue;
       // Unit step along the optical axis: the ray's parameter is the depth.
-      const Eigen::Vector3d ray(
-          (static_cast<double>(block.pixel[i] % camera_.width) - camera_.cx) / camera_.fx,
-          (static_cast<double>(block.pixel[i] / camera_.width) - camera_.cy) / camera_.fy, 1);
+      const std::ptrdiff_t col = block.pixel[i] % camera_.width;
+      const std::ptrdiff_t row = block.pixel[i] / camera_.width;
+      const Eigen::Vector3d ray((static_cast<double>(col) - camera_.cx) / camera_.fx,
+                                (static_cast<double>(row) - camera_.cy) / camera_.fy, 1);
       valid[i] = -1;
       set_ray(hits.ray, i, position, rotation * ray.cast<float>(),
               std::numeric_limits<float>::infinity());

@@ -212,7 +212,7 @@ class LiveRun {
 
   static constexpr const char* kTooSlow =
       "this machine does not render in real time: pictures are skipped; take a smaller camera "
-      "(--set camera_file=../cameras/capsule_320x240.yaml) or --rate-factor below 1";
+      "(--set camera_file=../cameras/capsule_250x250.yaml) or --rate-factor below 1";
 
   const Options& options_;
   lcm::LCM& lcm_;

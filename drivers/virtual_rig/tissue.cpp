@@ -13,9 +13,7 @@ constexpr float kNoiseSigma = 0.27F;    // of gradient_noise
 constexpr std::size_t kVerticesPerChunk = 8192;
 // What blood takes from red, green and blue where it covers all.
 const Eigen::Vector3f kBlood(0.16F, 0.55F, 0.48F);
-// Wavelengths in metres.
-constexpr float kMottle = 0.0022F;
-constexpr float kGrain = 0.0009F;
+constexpr float kGrain = 0.0009F;   // wavelength of what is drawn at every hit, metres
 constexpr float kRipple = 0.07F;    // tilt of the film per unit of the grain's gradient
 constexpr float kFresnel = 0.028F;  // reflectance of water at normal incidence, with pi absorbed
 
@@ -41,8 +39,9 @@ Tissue::Tissue(const OrganConfiguration& organ, const TriangleMesh& rest)
       const float redness = noise(p, 0.02F, organ.seed, kRedness).value;
       const float film = noise(p, 0.014F, organ.seed, kFilm).value;
       const float gloss = noise(p, 0.009F, organ.seed, kGloss).value;
-      slow_[i].brightness = 1 + variation * brightness;
-      slow_[i].redness = variation * redness;
+      const float mottle = 0.4F * noise(p, 0.0022F, organ.seed, kMottling).value;
+      slow_[i].brightness = 1 + variation * (brightness + mottle);
+      slow_[i].redness = variation * (redness - 0.5F * mottle);
       slow_[i].film =
           static_cast<float>(organ.mucus) * kFresnel * std::clamp(0.55F + 1.6F * film, 0.05F, 1.0F);
       slow_[i].exponent = std::clamp(160 * (1 + 2 * gloss), 40.0F, 400.0F);
@@ -63,19 +62,17 @@ TissueSample Tissue::sample(const Triangle& corners, const std::array<float, 3>&
     slow.film += weights[i] * corner.film;
     slow.exponent += weights[i] * corner.exponent;
   }
-  const float mottling = static_cast<float>(organ_.variation) * 0.5F / kNoiseSigma;
-  const NoiseSample grain = noise(rest_point, kGrain, organ_.seed, kGraining);
-  const float mottle = mottling * (0.8F * noise(rest_point, kMottle, organ_.seed, kMottling).value +
-                                   0.5F * grain.value);
+  const NoiseSample fine = noise(rest_point, kGrain, organ_.seed, kGraining);
+  const float grain = static_cast<float>(organ_.variation) / kNoiseSigma * 0.25F * fine.value;
   const float vessel = vessels_.at(rest_point);
   TissueSample sample;
-  sample.albedo = organ_.albedo.cast<float>() * (slow.brightness * (1 + mottle));
-  sample.albedo.tail<2>() *= 1 - slow.redness + 0.5F * mottle;
+  sample.albedo = organ_.albedo.cast<float>() * (slow.brightness + grain);
+  sample.albedo.tail<2>() *= 1 - slow.redness + 0.5F * grain;
   sample.albedo = sample.albedo.cwiseProduct(Eigen::Vector3f::Ones() - vessel * kBlood);
   sample.albedo = sample.albedo.cwiseMin(1.0F).cwiseMax(0.0F);
   sample.film = slow.film;
   sample.exponent = slow.exponent;
-  sample.ripple = kRipple * grain.gradient;
+  sample.ripple = kRipple * fine.gradient;
   return sample;
 }
 

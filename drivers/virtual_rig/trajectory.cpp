@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <numbers>
-#include <stdexcept>
 
 #include "numerics/counter_random.hpp"
 #include "virtual_rig/random_streams.hpp"
@@ -40,7 +39,7 @@ Trajectory::Trajectory(const TrajectoryConfiguration& trajectory, const Centreli
   // As few laps as are long enough, then everything a little smaller until the length is right.
   while (tour_length() < trajectory_.path_length) {
     if (++laps_ > kMostLaps) {
-      throw std::invalid_argument(
+      throw ConfigurationError(
           "trajectory.path_length: " + std::to_string(trajectory_.path_length) +
           " m cannot be travelled in this organ");
     }

@@ -13,7 +13,7 @@ namespace gastronaut {
 
 class Trajectory {
  public:
-  // Throws std::invalid_argument when no tour of the wanted length fits into the organ.
+  // Throws ConfigurationError when no tour of the wanted length fits into the organ.
   Trajectory(const TrajectoryConfiguration& trajectory, const Centreline& centreline,
              const SE3& camera_T_magnet, std::uint64_t seed);
 

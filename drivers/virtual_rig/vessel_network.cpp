@@ -22,30 +22,30 @@ constexpr double kBranchesPerMetre = 130;
 class NearestVertex {
  public:
   explicit NearestVertex(const TriangleMesh& wall) : wall_(wall) {
-    low_ = wall.vertices.front();
-    Eigen::Vector3f high = low_;
+    Eigen::Vector3f low = wall.vertices.front();
+    Eigen::Vector3f high = low;
     for (const auto& vertex : wall.vertices) {
-      low_ = low_.cwiseMin(vertex);
+      low = low.cwiseMin(vertex);
       high = high.cwiseMax(vertex);
     }
-    cells_ = ((high - low_).array() / kCell).floor().cast<int>() + 1;
-    buckets_.resize(static_cast<std::size_t>(cells_.prod()));
+    grid_ = CellGrid(low, high);
+    buckets_.resize(grid_.size());
     for (std::uint32_t i = 0; i < wall.vertices.size(); ++i) {
-      buckets_[number(cell_of(wall.vertices[i]))].push_back(i);
+      buckets_[grid_.number(grid_.cell_of(wall.vertices[i]))].push_back(i);
     }
   }
 
   // Nearest vertex within a cell's width; -1: the point has left the wall (an opened organ's rim).
   std::int64_t find(const Eigen::Vector3f& point) const {
-    const Eigen::Array3i centre = cell_of(point);
+    const Eigen::Array3i centre = grid_.cell_of(point);
     std::int64_t best = -1;
     float best_distance = kCell * kCell;
     for (int z = -1; z <= 1; ++z) {
       for (int y = -1; y <= 1; ++y) {
         for (int x = -1; x <= 1; ++x) {
           const Eigen::Array3i cell = centre + Eigen::Array3i(x, y, z);
-          if ((cell < 0).any() || (cell >= cells_).any()) continue;
-          for (const std::uint32_t i : buckets_[number(cell)]) {
+          if (!grid_.contains(cell)) continue;
+          for (const std::uint32_t i : buckets_[grid_.number(cell)]) {
             const float distance = (wall_.vertices[i] - point).squaredNorm();
             if (distance < best_distance) {
               best_distance = distance;
@@ -59,16 +59,8 @@ class NearestVertex {
   }
 
  private:
-  Eigen::Array3i cell_of(const Eigen::Vector3f& point) const {
-    return ((point - low_).array() / kCell).floor().cast<int>();
-  }
-  std::size_t number(const Eigen::Array3i& cell) const {
-    return static_cast<std::size_t>((cell.z() * cells_.y() + cell.y()) * cells_.x() + cell.x());
-  }
-
   const TriangleMesh& wall_;
-  Eigen::Vector3f low_;
-  Eigen::Array3i cells_;
+  CellGrid grid_;
   std::vector<std::vector<std::uint32_t>> buckets_;
 };
 
@@ -105,6 +97,19 @@ Eigen::Vector3f turned(const Eigen::Vector3f& heading, const Eigen::Vector3f& no
 
 }  // namespace
 
+CellGrid::CellGrid(const Eigen::Vector3f& low, const Eigen::Vector3f& high)
+    : low_(low), cells_(((high - low).array() / kCell).floor().cast<int>() + 1) {}
+
+Eigen::Array3i CellGrid::cell_of(const Eigen::Vector3f& point) const {
+  return ((point - low_).array() / kCell).floor().cast<int>();
+}
+
+std::size_t CellGrid::number(const Eigen::Array3i& cell) const {
+  const auto n = cell.cast<std::size_t>();
+  const auto cells = cells_.cast<std::size_t>();
+  return (n.z() * cells.y() + n.y()) * cells.x() + n.x();
+}
+
 VesselNetwork::VesselNetwork(const TriangleMesh& wall, double density, std::uint64_t seed) {
   const CounterRandom random(seed, stream_id(RandomStream::kVessels));
   std::uint64_t n = 0;
@@ -129,7 +134,9 @@ VesselNetwork::VesselNetwork(const TriangleMesh& wall, double density, std::uint
     sprouts.pop_back();
     double curl = 0;
     double radius = sprout.radius;
-    for (double walked = 0; walked < sprout.length; walked += kStep) {
+    const int steps = static_cast<int>(sprout.length / kStep);
+    for (int step = 0; step < steps; ++step) {
+      const double walked = step * kStep;
       // The turn itself wanders: bends, not jitter.
       curl = 0.8 * curl + 0.07 * random.normal(n++);
       const std::int64_t at =
@@ -163,36 +170,28 @@ VesselNetwork::VesselNetwork(const TriangleMesh& wall, double density, std::uint
   fill_grid();
 }
 
-Eigen::Array3i VesselNetwork::cell_of(const Eigen::Vector3f& point) const {
-  return ((point - low_).array() / kCell).floor().cast<int>();
-}
-
-std::size_t VesselNetwork::cell_number(const Eigen::Array3i& cell) const {
-  return static_cast<std::size_t>((cell.z() * cells_.y() + cell.y()) * cells_.x() + cell.x());
-}
-
 void VesselNetwork::fill_grid() {
   if (segments_.empty()) return;
   const auto reach = [](const Segment& s) {
     return Eigen::Vector3f::Constant(kSoftEdge * std::max(s.start_radius, s.end_radius)).eval();
   };
-  low_ = segments_.front().start;
-  Eigen::Vector3f high = low_;
+  Eigen::Vector3f low = segments_.front().start;
+  Eigen::Vector3f high = low;
   for (const Segment& s : segments_) {
-    low_ = low_.cwiseMin(s.start.cwiseMin(s.start + s.along) - reach(s));
+    low = low.cwiseMin(s.start.cwiseMin(s.start + s.along) - reach(s));
     high = high.cwiseMax(s.start.cwiseMax(s.start + s.along) + reach(s));
   }
-  cells_ = ((high - low_).array() / kCell).floor().cast<int>() + 1;
+  grid_ = CellGrid(low, high);
   const auto for_cells = [&](const Segment& s, const auto& visit) {
-    const Eigen::Array3i from = cell_of(s.start.cwiseMin(s.start + s.along) - reach(s));
-    const Eigen::Array3i to = cell_of(s.start.cwiseMax(s.start + s.along) + reach(s));
+    const Eigen::Array3i from = grid_.cell_of(s.start.cwiseMin(s.start + s.along) - reach(s));
+    const Eigen::Array3i to = grid_.cell_of(s.start.cwiseMax(s.start + s.along) + reach(s));
     for (int z = from.z(); z <= to.z(); ++z) {
       for (int y = from.y(); y <= to.y(); ++y) {
-        for (int x = from.x(); x <= to.x(); ++x) visit(cell_number({x, y, z}));
+        for (int x = from.x(); x <= to.x(); ++x) visit(grid_.number({x, y, z}));
       }
     }
   };
-  first_.assign(static_cast<std::size_t>(cells_.prod()) + 1, 0);
+  first_.assign(grid_.size() + 1, 0);
   for (const Segment& s : segments_) for_cells(s, [&](std::size_t cell) { ++first_[cell + 1]; });
   for (std::size_t cell = 1; cell < first_.size(); ++cell) first_[cell] += first_[cell - 1];
   members_.resize(first_.back());
@@ -204,9 +203,9 @@ void VesselNetwork::fill_grid() {
 
 float VesselNetwork::at(const Eigen::Vector3f& point) const {
   if (segments_.empty()) return 0;
-  const Eigen::Array3i cell = cell_of(point);
-  if ((cell < 0).any() || (cell >= cells_).any()) return 0;
-  const std::size_t number = cell_number(cell);
+  const Eigen::Array3i cell = grid_.cell_of(point);
+  if (!grid_.contains(cell)) return 0;
+  const std::size_t number = grid_.number(cell);
   float seen = 0;
   for (std::uint32_t i = first_[number]; i < first_[number + 1]; ++i) {
     const Segment& s = segments_[members_[i]];

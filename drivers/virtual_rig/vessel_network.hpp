@@ -10,6 +10,24 @@
 
 namespace gastronaut {
 
+// Cubes of equal size over the box around some points.
+class CellGrid {
+ public:
+  CellGrid() = default;
+  CellGrid(const Eigen::Vector3f& low, const Eigen::Vector3f& high);
+
+  std::size_t size() const { return static_cast<std::size_t>(cells_.prod()); }
+  Eigen::Array3i cell_of(const Eigen::Vector3f& point) const;
+  bool contains(const Eigen::Array3i& cell) const {
+    return (cell >= 0).all() && (cell < cells_).all();
+  }
+  std::size_t number(const Eigen::Array3i& cell) const;
+
+ private:
+  Eigen::Vector3f low_ = Eigen::Vector3f::Zero();
+  Eigen::Array3i cells_ = Eigen::Array3i::Zero();
+};
+
 class VesselNetwork {
  public:
   // `density` in metres of vessel per square metre of wall.
@@ -29,12 +47,9 @@ class VesselNetwork {
 
  private:
   void fill_grid();
-  std::size_t cell_number(const Eigen::Array3i& cell) const;
-  Eigen::Array3i cell_of(const Eigen::Vector3f& point) const;
 
   std::vector<Segment> segments_;
-  Eigen::Vector3f low_ = Eigen::Vector3f::Zero();
-  Eigen::Array3i cells_ = Eigen::Array3i::Zero();
+  CellGrid grid_;
   std::vector<std::uint32_t> first_;    // of each cell, and one more
   std::vector<std::uint32_t> members_;  // segment numbers, cell after cell
 };

@@ -18,8 +18,8 @@ class VirtualRigProcess {
   using Sink = std::function<void(const std::string& channel, std::vector<std::uint8_t> payload,
                                   std::int64_t utime)>;
 
-  // `start_utime` is the scenario's time zero, microseconds. Throws std::runtime_error and
-  // std::invalid_argument when the scenario cannot be built.
+  // `start_utime` is the scenario's time zero, microseconds. Throws ConfigurationError when the
+  // scenario cannot be played.
   VirtualRigProcess(const VirtualRigScenario& scenario, std::int64_t start_utime, Sink sink);
   ~VirtualRigProcess();
 

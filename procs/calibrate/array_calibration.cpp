@@ -18,19 +18,19 @@ constexpr std::size_t kStretches = 20;
 constexpr std::size_t kHeldOutEvery = 5;
 constexpr std::size_t kMostHeldOut = 100;
 constexpr std::size_t kFewestReadings = 50;
-constexpr double kFewestLocated = 0.5;        // of the readings tried
-constexpr double kPoorStart = 1.5;            // chi2 per channel, offsets' errors included
-constexpr double kPoorFit = 2;                // times the median residual: the magnet is not there
-constexpr double kForeignField = 8;           // robust sigmas of the background's scatter
-constexpr double kLeastForeignField = 5e-6;   // tesla
-constexpr double kFewestInliers = 0.7;        // of the channels
-constexpr double kFoundAbove = 4;             // times noise and offset, at the nearest sensor
-constexpr double kHeardAbove = 3;             // times the noise: least field a sensor must have seen
-constexpr double kLeastImprovement = 0.35;    // of the fix error that the array causes: what is left
-constexpr double kLargestResiduals = 3;       // times the configured noise
-constexpr double kPoseDisagreement = 0.01;    // metres between given and fitted poses
+constexpr double kFewestLocated = 0.5;       // of the readings tried
+constexpr double kPoorStart = 1.5;           // chi2 per channel, offsets' errors included
+constexpr double kPoorFit = 2;               // times the median residual: the magnet is not there
+constexpr double kForeignField = 8;          // robust sigmas of the background's scatter
+constexpr double kLeastForeignField = 5e-6;  // tesla
+constexpr double kFewestInliers = 0.7;       // of the channels
+constexpr double kFoundAbove = 4;            // times noise and offset, at the nearest sensor
+constexpr double kHeardAbove = 3;            // times the noise: least field a sensor must have seen
+constexpr double kLeastImprovement = 0.35;   // of the fix error that the array causes: what is left
+constexpr double kLargestResiduals = 3;      // times the configured noise
+constexpr double kPoseDisagreement = 0.01;   // metres between given and fitted poses
 constexpr int kMostRounds = 3;
-constexpr double kClearlyBetter = 4;          // chi2 of a reading
+constexpr double kClearlyBetter = 4;  // chi2 of a reading
 constexpr std::size_t kInducedErrorPoses = 25;
 constexpr double kShareOfSearch = 0.2;  // of the progress shown
 
@@ -233,10 +233,10 @@ ArrayCalibration calibrate_array(const RigConfiguration& rig,
   for (const auto& sensor : rig.hall_array.resolved_sensors()) positions.push_back(sensor.position);
   const std::vector<int> unheard = unheard_sensors(rig, positions, used.fits);
   if (!unheard.empty()) {
-    throw CalibrationRefused(fmt::format(
-        "{} never saw more than {:.2g} uT of the magnet: move it under {}",
-        name_sensors(unheard, positions), kHeardAbove * rig.hall_array.noise * 1e6,
-        unheard.size() == 1 ? "it" : "them"));
+    throw CalibrationRefused(
+        fmt::format("{} never saw more than {:.2g} uT of the magnet: move it under {}",
+                    name_sensors(unheard, positions), kHeardAbove * rig.hall_array.noise * 1e6,
+                    unheard.size() == 1 ? "it" : "them"));
   }
 
   JointArrayFit fit(rig, options.priors, used.readings, starts);
@@ -269,8 +269,9 @@ ArrayCalibration calibrate_array(const RigConfiguration& rig,
       result.induced.axis > kLeastImprovement * result.induced.prior_axis) {
     std::vector<std::string> missing = describe_missing_motion(starts, positions);
     if (missing.empty()) {
-      missing.push_back("no motion is missing altogether, but there is too little of each: move "
-                        "nearer to the array and record for longer");
+      missing.push_back(
+          "no motion is missing altogether, but there is too little of each: move "
+          "nearer to the array and record for longer");
     }
     throw CalibrationRefused(fmt::format(
         "the log does not determine the array: a fix would still err by {:.2f} mm and {:.2f} "
@@ -302,8 +303,8 @@ ArrayCalibration calibrate_array(const RigConfiguration& rig,
   result.rig.hall_array.offset_std = std::sqrt(offset / channels);
   result.rig.magnet.moment_std = fit.moment_deviation() * inflation;
 
-  const Located held_out = locate(fitter, readings, spread_evenly(for_check, kMostHeldOut),
-                                  least_field, [](double) {});
+  const Located held_out =
+      locate(fitter, readings, spread_evenly(for_check, kMostHeldOut), least_field, [](double) {});
   const Located check = held_out.fits.empty() ? held_out : without_foreign_fields(held_out);
   result.held_out = static_cast<int>(check.fits.size());
   result.held_out_rms_before = rms_of_fixes(rig, check.readings, check.fits);

@@ -1,6 +1,6 @@
-// Calibrates the Hall array and the magnet's moment from readings in which the magnet moves: selects
-// readings, starts the joint fit (joint_array_fit.hpp), checks its result on a part of the log that
-// it has not seen, and refuses a log that cannot determine the array.
+// Calibrates the Hall array and the magnet's moment from readings in which the magnet moves:
+// selects readings, starts the joint fit (joint_array_fit.hpp), checks its result on a part of the
+// log that it has not seen, and refuses a log that cannot determine the array.
 #pragma once
 
 #include <functional>

@@ -119,7 +119,7 @@ std::optional<MagnetPose> magnet_at(const CalibrationLog& log, const SE3& camera
   return MagnetPose{rig_T_magnet.translation, rig_T_magnet.rotation * Eigen::Vector3d::UnitZ()};
 }
 
-// Readings of the array's commonest shape, with currents where `num_coils` is not zero.
+// The log's readings of this shape, with currents where num_coils is not zero.
 std::vector<CalibrationReading> make_readings(const CalibrationLog& log, int num_sensors,
                                               int num_axes, Eigen::Index num_coils,
                                               const RigConfiguration& rig, bool known_poses) {
@@ -203,10 +203,10 @@ int calibrate_coils_of(const Options& options) {
   if (rig) rig->coils.tesla_per_ampere.resize(0, 0);
   if (rig && (rig->hall_array.num_sensors() != first.num_sensors ||
               rig->hall_array.num_axes != first.num_axes)) {
-    throw ConfigurationError(fmt::format(
-        "the configuration has {} sensors with {} axes, the log {} with {}",
-        rig->hall_array.num_sensors(), rig->hall_array.num_axes, first.num_sensors,
-        first.num_axes));
+    throw ConfigurationError(
+        fmt::format("the configuration has {} sensors with {} axes, the log {} with {}",
+                    rig->hall_array.num_sensors(), rig->hall_array.num_axes, first.num_sensors,
+                    first.num_axes));
   }
   const auto num_coils = static_cast<Eigen::Index>(log.currents.begin()->second.num_coils);
   Eigen::MatrixXd samples(static_cast<Eigen::Index>(log.currents.size()), num_coils);
@@ -216,13 +216,13 @@ int calibrate_coils_of(const Options& options) {
     samples.row(row++) =
         Eigen::Map<const Eigen::RowVectorXf>(message.current.data(), num_coils).cast<double>();
   }
-  const auto readings =
-      make_readings(log, first.num_sensors, first.num_axes, num_coils,
-                    rig.value_or(RigConfiguration()), /*known_poses=*/false);
-  const CoilCalibration calibration = calibrate_coils(
-      readings, first.num_axes, measure_current_noise(samples.topRows(row)), rig);
-  write_fragment(options.out, coil_fragment(calibration, rig,
-                                            std::filesystem::path(options.log).filename().string()));
+  const auto readings = make_readings(log, first.num_sensors, first.num_axes, num_coils,
+                                      rig.value_or(RigConfiguration()), /*known_poses=*/false);
+  const CoilCalibration calibration =
+      calibrate_coils(readings, first.num_axes, measure_current_noise(samples.topRows(row)), rig);
+  write_fragment(
+      options.out,
+      coil_fragment(calibration, rig, std::filesystem::path(options.log).filename().string()));
   std::fputs(coil_table(calibration).c_str(), stdout);
   return kExitDone;
 }
@@ -234,35 +234,33 @@ int calibrate_array_of(const Options& options) {
     throw ConfigurationError(options.log + " has no " + channel::kRigConfig +
                              ": give the rig's configuration with --config");
   }
-  const bool known = options.poses == "known" ||
-                     (options.poses == "auto" && !log.rig_T_camera.empty());
+  const bool known =
+      options.poses == "known" || (options.poses == "auto" && !log.rig_T_camera.empty());
   if (known && log.rig_T_camera.empty()) {
     throw CalibrationRefused(options.log + " has no poses on " + channel::kGroundTruthPose +
                              ": use --poses unknown");
   }
   spdlog::info("the magnet's poses are taken as {}",
                known ? std::string("known (") + channel::kGroundTruthPose + ")" : "unknown");
-  const auto readings =
-      make_readings(log, rig->hall_array.num_sensors(), rig->hall_array.num_axes,
-                    rig->coils.tesla_per_ampere.cols(), *rig, known);
+  const auto readings = make_readings(log, rig->hall_array.num_sensors(), rig->hall_array.num_axes,
+                                      rig->coils.tesla_per_ampere.cols(), *rig, known);
   ArrayCalibrationOptions array = options.array;
   const auto prior = [](const std::optional<double>& given, double configured, double usual) {
     return given.value_or(std::max(configured, usual));
   };
-  array.priors.gain_std =
-      prior(options.gain_std, rig->hall_array.gain_std, array.priors.gain_std);
+  array.priors.gain_std = prior(options.gain_std, rig->hall_array.gain_std, array.priors.gain_std);
   array.priors.alignment_std =
       prior(options.alignment_std, rig->hall_array.alignment_std, array.priors.alignment_std);
   array.priors.offset_std =
       prior(options.offset_std, rig->hall_array.offset_std, array.priors.offset_std);
   Progress progress("calibrating the array");
-  const ArrayCalibration calibration = calibrate_array(
-      *rig, readings, array, [&](double fraction) {
-        if (stop_requested()) throw std::runtime_error("stopped");
-        progress.update(fraction);
-      });
-  write_fragment(options.out, array_fragment(calibration, *rig,
-                                             std::filesystem::path(options.log).filename().string()));
+  const ArrayCalibration calibration = calibrate_array(*rig, readings, array, [&](double fraction) {
+    if (stop_requested()) throw std::runtime_error("stopped");
+    progress.update(fraction);
+  });
+  write_fragment(
+      options.out,
+      array_fragment(calibration, *rig, std::filesystem::path(options.log).filename().string()));
   std::fputs(array_table(calibration, *rig).c_str(), stdout);
   return kExitDone;
 }
@@ -285,11 +283,13 @@ int run_calibrate(int argc, char** argv) {
   CLI::App* coils = app.add_subcommand(
       "coils", "current-to-field matrix and sensor offsets from a log without the capsule");
   add_common_options(*coils, options);
-  coils->footer("Drive each coil by itself, or all with independent currents, the capsule away.\n"
-                "Example: calibrate coils empty.lcmlog --out coils.yaml");
+  coils->footer(
+      "Drive each coil by itself, or all with independent currents, the capsule away.\n"
+      "Example: calibrate coils empty.lcmlog --out coils.yaml");
   CLI::App* array = app.add_subcommand(
-      "array", "gain, alignment and offset of each sensor, and the magnet's moment, from a log in "
-               "which the magnet moves");
+      "array",
+      "gain, alignment and offset of each sensor, and the magnet's moment, from a log in "
+      "which the magnet moves");
   add_common_options(*array, options);
   array
       ->add_option("--poses", options.poses,
@@ -300,24 +300,32 @@ int run_calibrate(int argc, char** argv) {
   array->add_option("--readings", options.array.most_readings, "readings used, evenly from the log")
       ->check(CLI::Range(50, 5000))
       ->capture_default_str();
-  array->add_option("--gain-std", options.gain_std, "one sigma of relative gain errors; by default as configured, at least 0.01")
+  array
+      ->add_option("--gain-std", options.gain_std,
+                   "one sigma of relative gain errors; by default as configured, at least 0.01")
       ->check(CLI::PositiveNumber);
-  array->add_option("--alignment-std", options.alignment_std,
-                    "of misalignments, radians; by default as configured, at least 0.0175")
+  array
+      ->add_option("--alignment-std", options.alignment_std,
+                   "of misalignments, radians; by default as configured, at least 0.0175")
       ->check(CLI::PositiveNumber);
-  array->add_option("--offset-std", options.offset_std, "of offsets, tesla; by default as configured, at least 5e-6")
+  array
+      ->add_option("--offset-std", options.offset_std,
+                   "of offsets, tesla; by default as configured, at least 5e-6")
       ->check(CLI::PositiveNumber);
-  array->add_option("--position-std", options.array.priors.known_position_std,
-                    "error of known poses, metres")
+  array
+      ->add_option("--position-std", options.array.priors.known_position_std,
+                   "error of known poses, metres")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  array->add_option("--axis-std", options.array.priors.known_axis_std,
-                    "error of known poses, radians")
+  array
+      ->add_option("--axis-std", options.array.priors.known_axis_std,
+                   "error of known poses, radians")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
   array->footer(
       "Move the magnet under the whole array and turn it every way.\n"
-      "Example: calibrate array sweep.lcmlog --config rig.yaml --config coils.yaml --out array.yaml");
+      "Example: calibrate array sweep.lcmlog --config rig.yaml --config coils.yaml --out "
+      "array.yaml");
   return run_command_line(app, argc, argv, [&] {
     return coils->parsed() ? calibrate_coils_of(options) : calibrate_array_of(options);
   });

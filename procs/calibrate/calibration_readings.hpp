@@ -17,10 +17,10 @@ struct MagnetPose {
 
 // One reading of the whole array with the coils' currents at that moment.
 struct CalibrationReading {
-  std::int64_t utime = 0;            // microseconds
-  Eigen::VectorXd field;             // tesla, channel by channel: sensor by sensor, its axes in order
-  std::vector<bool> usable;          // one a channel: neither saturated nor stale nor faulty
-  Eigen::VectorXd currents;          // ampere, one a coil; empty: no coils
+  std::int64_t utime = 0;    // microseconds
+  Eigen::VectorXd field;     // tesla, channel by channel: sensor by sensor, its axes in order
+  std::vector<bool> usable;  // one a channel: neither saturated nor stale nor faulty
+  Eigen::VectorXd currents;  // ampere, one a coil; empty: no coils
   std::optional<MagnetPose> known_pose;
 };
 

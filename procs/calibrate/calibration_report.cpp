@@ -67,16 +67,17 @@ std::string coil_table(const CoilCalibration& calibration) {
                         root_mean_square(calibration.tesla_per_ampere.col(coil)) * kMicro,
                         root_mean_square(calibration.tesla_per_ampere_std.col(coil)) * kMicro);
   }
-  text += fmt::format("readings used                       {} ({:.2g} % of their values left out)\n",
-                      calibration.readings_used, calibration.outlier_fraction * kPercent);
-  text += fmt::format("residual, rms                       {:.3f} uT; worst channel {}: {:.3f} uT\n",
-                      root_mean_square(calibration.residual_rms) * kMicro, worst,
-                      calibration.residual_rms(worst) * kMicro);
+  text +=
+      fmt::format("readings used                       {} ({:.2g} % of their values left out)\n",
+                  calibration.readings_used, calibration.outlier_fraction * kPercent);
+  text +=
+      fmt::format("residual, rms                       {:.3f} uT; worst channel {}: {:.3f} uT\n",
+                  root_mean_square(calibration.residual_rms) * kMicro, worst,
+                  calibration.residual_rms(worst) * kMicro);
   text += fmt::format("offsets, standard error, rms        {:.3f} uT\n",
                       root_mean_square(calibration.offset_stds) * kMicro);
-  text += fmt::format(
-      "pull of the current noise           {:.2g} % at most, corrected for\n",
-      calibration.largest_attenuation * kPercent);
+  text += fmt::format("pull of the current noise           {:.2g} % at most, corrected for\n",
+                      calibration.largest_attenuation * kPercent);
   return text;
 }
 
@@ -88,17 +89,20 @@ std::string coil_fragment(const CoilCalibration& calibration,
   const RigConfiguration calibrated =
       rig ? with_coils(*rig, calibration, &background) : without_rig;
 
-  std::string head = fmt::format("Made by `calibrate coils` from {}. Give it after the rig's own "
-                                 "file: --config RIG.yaml --config THIS.yaml\n",
-                                 log) +
+  std::string head = fmt::format(
+                         "Made by `calibrate coils` from {}. Give it after the rig's own "
+                         "file: --config RIG.yaml --config THIS.yaml\n",
+                         log) +
                      coil_table(calibration);
   if (rig) {
     head += fmt::format(
-        "The uniform background during the log, ({:.2f}, {:.2f}, {:.2f}) uT, is not in the offsets.\n",
+        "The uniform background during the log, ({:.2f}, {:.2f}, {:.2f}) uT, is not in the "
+        "offsets.\n",
         background(0) * kMicro, background(1) * kMicro, background(2) * kMicro);
   } else {
-    head += "The log has no RIG_CONFIG. Readings without current, uniform background included, "
-            "channel by channel in uT:\n";
+    head +=
+        "The log has no RIG_CONFIG. Readings without current, uniform background included, "
+        "channel by channel in uT:\n";
     for (Eigen::Index c = 0; c < calibration.offsets.size(); ++c) {
       head += fmt::format("{:.3f}{}", calibration.offsets(c) * kMicro,
                           c + 1 == calibration.offsets.size() || c % 12 == 11 ? "\n" : ", ");
@@ -159,24 +163,24 @@ std::string array_table(const ArrayCalibration& calibration, const RigConfigurat
   text += line("offset", root_mean_square(offset_change) * kMicro, array.offset_std * kMicro, "uT");
   text += line("magnet's moment", (calibration.rig.magnet.moment - before.magnet.moment) * kMilli,
                calibration.rig.magnet.moment_std * kMilli, "mA m^2");
-  text += fmt::format("worst channel          {} (sensor {}, axis {}; counted from 0): gain {:.2f} %, "
-                      "alignment {:.2f} degrees, offset {:.2f} uT still unknown\n",
-                      worst, worst / axes, worst % axes,
-                      calibration.deviations[worst].gain * kPercent,
-                      calibration.deviations[worst].alignment * kDegrees,
-                      calibration.deviations[worst].offset * kMicro);
-  text += fmt::format("a fix errs for the array's sake by {:.2f} mm, {:.2f} degrees before; {:.2f} mm, "
-                      "{:.2f} degrees after\n",
-                      calibration.induced.prior_position * kMilli,
-                      calibration.induced.prior_axis * kDegrees,
-                      calibration.induced.position * kMilli, calibration.induced.axis * kDegrees);
+  text += fmt::format(
+      "worst channel          {} (sensor {}, axis {}; counted from 0): gain {:.2f} %, "
+      "alignment {:.2f} degrees, offset {:.2f} uT still unknown\n",
+      worst, worst / axes, worst % axes, calibration.deviations[worst].gain * kPercent,
+      calibration.deviations[worst].alignment * kDegrees,
+      calibration.deviations[worst].offset * kMicro);
+  text += fmt::format(
+      "a fix errs for the array's sake by {:.2f} mm, {:.2f} degrees before; {:.2f} mm, "
+      "{:.2f} degrees after\n",
+      calibration.induced.prior_position * kMilli, calibration.induced.prior_axis * kDegrees,
+      calibration.induced.position * kMilli, calibration.induced.axis * kDegrees);
   text += fmt::format("held-out readings      {}: residual {:.3f} uT before, {:.3f} uT after\n",
                       calibration.held_out, calibration.held_out_rms_before * kMicro,
                       calibration.held_out_rms_after * kMicro);
-  text += fmt::format("fit                    {} readings ({} left out), chi2 per degree of freedom "
-                      "{:.3f}\n",
-                      calibration.readings_used, calibration.readings_left_out,
-                      calibration.chi2_per_dof);
+  text += fmt::format(
+      "fit                    {} readings ({} left out), chi2 per degree of freedom "
+      "{:.3f}\n",
+      calibration.readings_used, calibration.readings_left_out, calibration.chi2_per_dof);
   text += fmt::format("uniform background     ({:.2f}, {:.2f}, {:.2f}) uT, not in the offsets\n",
                       calibration.background(0) * kMicro, calibration.background(1) * kMicro,
                       calibration.background(2) * kMicro);
@@ -186,9 +190,10 @@ std::string array_table(const ArrayCalibration& calibration, const RigConfigurat
 std::string array_fragment(const ArrayCalibration& calibration, const RigConfiguration& before,
                            const std::string& log) {
   const std::string head =
-      fmt::format("Made by `calibrate array` from {}. Give it after the rig's own file: --config "
-                  "RIG.yaml --config THIS.yaml\n",
-                  log) +
+      fmt::format(
+          "Made by `calibrate array` from {}. Give it after the rig's own file: --config "
+          "RIG.yaml --config THIS.yaml\n",
+          log) +
       array_table(calibration, before);
   const HallArrayConfiguration& array = calibration.rig.hall_array;
   const auto axes = static_cast<std::size_t>(array.num_axes);

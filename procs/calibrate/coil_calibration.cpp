@@ -15,12 +15,12 @@ namespace gastronaut {
 namespace {
 
 constexpr Eigen::Index kFewestReadings = 50;
-constexpr double kLeastDrive = 0.05;         // ampere: below it a coil counts as never driven
-constexpr double kLeastIndependent = 0.02;   // ampere rms beside what other coils explain
-constexpr double kDriveAboveNoise = 5;       // and this many times the current noise
-constexpr double kTakesPart = 0.1;           // share of a coil in a pattern that was never driven
-constexpr double kTukey = 4.685;             // sigmas: one normal residual in 350 000 lies beyond
-constexpr double kNormalMad = 0.67449;       // median of |standard normal|
+constexpr double kLeastDrive = 0.05;        // ampere: below it a coil counts as never driven
+constexpr double kLeastIndependent = 0.02;  // ampere rms beside what other coils explain
+constexpr double kDriveAboveNoise = 5;      // and this many times the current noise
+constexpr double kTakesPart = 0.1;          // share of a coil in a pattern that was never driven
+constexpr double kTukey = 4.685;            // sigmas: one normal residual in 350 000 lies beyond
+constexpr double kNormalMad = 0.67449;      // median of |standard normal|
 constexpr int kRobustIterations = 20;
 constexpr double kConverged = 1e-10;
 constexpr std::size_t kTimeBlocks = 40;
@@ -105,8 +105,8 @@ Eigen::VectorXd check_drive(const Eigen::MatrixXd& currents, const Eigen::Vector
   Eigen::MatrixXd of_driven(num_driven, num_driven);
   for (Eigen::Index a = 0; a < num_driven; ++a) {
     for (Eigen::Index b = 0; b < num_driven; ++b) {
-      of_driven(a, b) = covariance(driven[static_cast<std::size_t>(a)],
-                                   driven[static_cast<std::size_t>(b)]);
+      of_driven(a, b) =
+          covariance(driven[static_cast<std::size_t>(a)], driven[static_cast<std::size_t>(b)]);
     }
   }
   if (num_driven > 0) {
@@ -131,9 +131,9 @@ Eigen::VectorXd check_drive(const Eigen::MatrixXd& currents, const Eigen::Vector
     }
   }
   if (!problems.empty()) {
-    throw CalibrationRefused("the log does not tell the coils apart: " +
-                             fmt::format("{}", fmt::join(problems, "; ")) +
-                             ". Drive each coil by itself, or all with independent currents");
+    throw CalibrationRefused(
+        "the log does not tell the coils apart: " + fmt::format("{}", fmt::join(problems, "; ")) +
+        ". Drive each coil by itself, or all with independent currents");
   }
   return covariance.inverse().diagonal().cwiseInverse().cwiseSqrt();
 }
@@ -173,8 +173,8 @@ ChannelFit regress(const Eigen::MatrixXd& design, const Eigen::VectorXd& values,
     if ((robust - before).norm() <= kConverged * before.norm()) break;
   }
   ChannelFit fit;
-  fit.inliers = usable.array() * ((values - design * robust).array().abs() <= kTukey * sigma)
-                                     .cast<double>();
+  fit.inliers =
+      usable.array() * ((values - design * robust).array().abs() <= kTukey * sigma).cast<double>();
   const double count = fit.inliers.sum();
   const Eigen::MatrixXd selected = fit.inliers.asDiagonal() * design;
   Eigen::MatrixXd normal = selected.transpose() * design;
@@ -183,13 +183,11 @@ ChannelFit regress(const Eigen::MatrixXd& design, const Eigen::VectorXd& values,
   fit.solution = factor.solve(selected.transpose() * values);
   fit.attenuation = (fit.solution - solve(fit.inliers)).head(num_coils).norm() /
                     fit.solution.head(num_coils).norm();
-  const double squares =
-      fit.inliers.cwiseProduct(values - design * fit.solution).squaredNorm();
+  const double squares = fit.inliers.cwiseProduct(values - design * fit.solution).squaredNorm();
   fit.rms = std::sqrt(squares / count);
-  fit.deviation = std::sqrt(squares / (count - static_cast<double>(unknowns))) *
-                  factor.solve(Eigen::MatrixXd::Identity(unknowns, unknowns))
-                      .diagonal()
-                      .cwiseSqrt();
+  fit.deviation =
+      std::sqrt(squares / (count - static_cast<double>(unknowns))) *
+      factor.solve(Eigen::MatrixXd::Identity(unknowns, unknowns)).diagonal().cwiseSqrt();
   return fit;
 }
 
@@ -252,8 +250,8 @@ void refuse_resting_magnet(const CoilCalibration& calibration, const RigConfigur
   for (Eigen::Index c = 0; c < pattern.size(); ++c) {
     const auto sensor = static_cast<std::size_t>(c / num_axes);
     const auto axis = static_cast<std::size_t>(c % num_axes);
-    pattern(c) = calibrated.hall_array.sensors[sensor].offset[axis] -
-                 configured[sensor].offset[axis];
+    pattern(c) =
+        calibrated.hall_array.sensors[sensor].offset[axis] - configured[sensor].offset[axis];
   }
   const double rms = std::sqrt(pattern.squaredNorm() / static_cast<double>(pattern.size()));
   if (rms < kLeastOffsetPattern * rig.hall_array.noise) return;
@@ -328,8 +326,7 @@ CoilCalibration calibrate_coils(const std::vector<CalibrationReading>& readings,
     result.offset_stds(c) = fit.deviation(num_coils);
     result.residual_rms(c) = fit.rms;
     result.largest_attenuation = std::max(result.largest_attenuation, fit.attenuation);
-    residuals.col(c) =
-        fit.inliers.cwiseProduct(values.col(c) - design * fit.solution);
+    residuals.col(c) = fit.inliers.cwiseProduct(values.col(c) - design * fit.solution);
     outliers += usable.col(c).sum() - fit.inliers.sum();
   }
   if (!mute.empty()) {
@@ -352,8 +349,9 @@ RigConfiguration with_coils(const RigConfiguration& rig, const CoilCalibration& 
   const Eigen::Index num_axes = rig.hall_array.num_axes;
   Eigen::MatrixXd responses(calibration.offsets.size(), 3);
   for (Eigen::Index c = 0; c < responses.rows(); ++c) {
-    responses.row(c) = result.hall_array.sensors[static_cast<std::size_t>(c / num_axes)].response.row(
-        c % num_axes);
+    responses.row(c) =
+        result.hall_array.sensors[static_cast<std::size_t>(c / num_axes)].response.row(c %
+                                                                                       num_axes);
   }
   *background = uniform_field(responses, calibration.offsets);
   const Eigen::VectorXd offsets = calibration.offsets - responses * *background;

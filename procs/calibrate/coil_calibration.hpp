@@ -1,9 +1,10 @@
 // The coils' current-to-field matrix and the sensors' offsets from readings without the capsule.
 //
 // Channel by channel, reading = C I + offset by linear regression on the readings that a robust fit
-// (Tukey's biweight) finds good. The currents are measured with noise, which pulls the estimate towards zero: the normal matrix is
-// corrected by the noise's covariance (Fuller, Measurement Error Models, 1987, section 2.2), and
-// the pull that was corrected is reported. The offset contains the uniform background.
+// (Tukey's biweight) finds good. The currents are measured with noise, which pulls the estimate
+// towards zero: the normal matrix is corrected by the noise's covariance (Fuller, Measurement Error
+// Models, 1987, section 2.2), and the pull that was corrected is reported. The offset contains the
+// uniform background.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,11 +21,12 @@ struct CoilCalibration {
   Eigen::MatrixXd tesla_per_ampere_std;
   Eigen::VectorXd offsets;  // tesla, background included
   Eigen::VectorXd offset_stds;
-  Eigen::VectorXd residual_rms;    // tesla, one a channel
-  Eigen::VectorXd drive;           // ampere, one a coil: part of its current that is its own, rms
-  Eigen::VectorXd current_noise;   // ampere, one a coil, as measured
-  double largest_attenuation = 0;  // relative; what the noise would have taken off without correction
-  double outlier_fraction = 0;     // of the readings, channel by channel
+  Eigen::VectorXd residual_rms;   // tesla, one a channel
+  Eigen::VectorXd drive;          // ampere, one a coil: part of its current that is its own, rms
+  Eigen::VectorXd current_noise;  // ampere, one a coil, as measured
+  double largest_attenuation =
+      0;                        // relative; what the noise would have taken off without correction
+  double outlier_fraction = 0;  // of the readings, channel by channel
   int readings_used = 0;
 };
 

@@ -26,9 +26,9 @@ constexpr double kNormalMad = 0.67449;       // median of |standard normal|
 constexpr double kLargestStep = 0.03;        // metres; the field changes its shape beyond
 // One sigma of a pose that is not known, about its start: keeps fixes that the readings hardly
 // determine from running away, far too weak to be felt by others.
-constexpr double kUnknownPosition = 0.1;  // metres
-constexpr double kUnknownAxis = 1;        // radians
-constexpr Eigen::Index kColumnBlock = 96;    // columns of the Schur complement made at a time
+constexpr double kUnknownPosition = 0.1;   // metres
+constexpr double kUnknownAxis = 1;         // radians
+constexpr Eigen::Index kColumnBlock = 96;  // columns of the Schur complement made at a time
 
 }  // namespace
 
@@ -73,9 +73,10 @@ JointArrayFit::JointArrayFit(const RigConfiguration& rig, const ArrayPriors& pri
     const Eigen::Index axis = c % num_axes_;
     Eigen::MatrixXd patterns;
     if (num_axes_ == 1) {
-      const double across = priors.alignment_std * matrix.row(c).norm() /
-                            std::sqrt(static_cast<double>(num_coils_));
-      patterns = (priors.gain_std * matrix.row(c).cwiseAbs().array() + across).matrix().asDiagonal();
+      const double across =
+          priors.alignment_std * matrix.row(c).norm() / std::sqrt(static_cast<double>(num_coils_));
+      patterns =
+          (priors.gain_std * matrix.row(c).cwiseAbs().array() + across).matrix().asDiagonal();
     } else {
       patterns = priors.alignment_std * matrix.middleRows(c - axis, num_axes_);
       patterns.row(axis) = priors.gain_std * matrix.row(c);
@@ -100,8 +101,8 @@ JointArrayFit::Decoded JointArrayFit::decode(const Eigen::VectorXd& array) const
     const Eigen::RowVector3d nominal = sensor.response.row(axis);
     result.responses.row(c) =
         nominal + (response_scale(nominal, priors_) * array.segment<3>(at)).transpose();
-    result.offsets(c) = sensor.offset[static_cast<std::size_t>(axis)] +
-                        priors_.offset_std * array(at + kOffset);
+    result.offsets(c) =
+        sensor.offset[static_cast<std::size_t>(axis)] + priors_.offset_std * array(at + kOffset);
     if (num_coils_ > 0) {
       result.coil_matrix.row(c) +=
           array.segment(at + kCoilError, per_channel_ - kCoilError).transpose() *
@@ -150,8 +151,7 @@ JointArrayFit::Rows JointArrayFit::linearize(const Decoded& array, const MagnetP
       rows.by_channel(c, kOffset) = priors_.offset_std;
       if (num_coils_ > 0) {
         expected += array.coil_matrix.row(c).dot(currents);
-        rows.by_local.row(c).tail(num_coils_) =
-            rig_.coils.current_noise * array.coil_matrix.row(c);
+        rows.by_local.row(c).tail(num_coils_) = rig_.coils.current_noise * array.coil_matrix.row(c);
         rows.by_channel.row(c).tail(per_channel_ - kCoilError) =
             (coil_errors_[static_cast<std::size_t>(c)] * currents).transpose();
       }
@@ -343,8 +343,8 @@ double JointArrayFit::residual_scale() const {
   std::vector<double> sizes;
   for (std::size_t t = 0; t < readings_.size(); ++t) {
     const Rows rows =
-        linearize(array, state_.poses[t],
-                  state_.current_errors.col(static_cast<Eigen::Index>(t)), readings_[t]);
+        linearize(array, state_.poses[t], state_.current_errors.col(static_cast<Eigen::Index>(t)),
+                  readings_[t]);
     for (Eigen::Index c = 0; c < num_channels_; ++c) {
       if (readings_[t].usable[static_cast<std::size_t>(c)]) {
         sizes.push_back(std::abs(rows.residual(c)));

@@ -5,14 +5,16 @@
 // with the response row r_c, offset o_c, magnet pose (p_t, a_t), moment M, uniform background b
 // (constant over the log), coil matrix row C_c as configured, its error D_c (what gain and
 // alignment errors of the sensor do to it: a matrix that was computed, or measured with other
-// sensors, does not know of them) and the error e_t of the measured currents. Every unknown but the poses has a Gaussian prior; known poses have one too. Background
-// and offsets are told apart by their priors alone (the common part goes to the background), as are
-// the moment and the mean gain; neither split matters to a localiser that estimates the background
-// and is given both moment and gains.
+// sensors, does not know of them) and the error e_t of the measured currents. Every unknown but the
+// poses has a Gaussian prior; known poses have one too. Background and offsets are told apart by
+// their priors alone (the common part goes to the background), as are the moment and the mean gain;
+// neither split matters to a localiser that estimates the background and is given both moment and
+// gains.
 //
 // Given the array, the readings are independent of each other: Levenberg-Marquardt steps eliminate
 // pose and current errors reading by reading (Schur complement), and what is left is a dense system
-// in the array's parameters, whose inverse is their posterior covariance with the poses marginalised.
+// in the array's parameters, whose inverse is their posterior covariance with the poses
+// marginalised.
 #pragma once
 
 #include <Eigen/Core>
@@ -27,8 +29,8 @@ namespace gastronaut {
 // One sigma of what is believed before the log is seen.
 struct ArrayPriors {
   double gain_std = 0.01;
-  double alignment_std = 0.0175;   // radians: one degree
-  double offset_std = 5e-6;        // tesla
+  double alignment_std = 0.0175;     // radians: one degree
+  double offset_std = 5e-6;          // tesla
   double known_position_std = 1e-4;  // metres: of poses that are given
   double known_axis_std = 1e-3;      // radians
 };

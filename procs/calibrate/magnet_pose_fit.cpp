@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "calibrate/robust_weight.hpp"
 #include "magnetics/axial_magnet.hpp"
@@ -28,7 +29,8 @@ using Matrix8d = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 }  // namespace
 
 MagnetPoseFitter::MagnetPoseFitter(const RigConfiguration& rig)
-    : coil_matrix_(rig.coils.tesla_per_ampere),
+    : lowest_sensor_(std::numeric_limits<double>::infinity()),
+      coil_matrix_(rig.coils.tesla_per_ampere),
       moment_(rig.magnet.moment),
       octupole_ratio_(octupole_ratio(rig.magnet.shape())),
       sigma_(std::hypot(rig.hall_array.noise, rig.hall_array.offset_std)),
@@ -39,6 +41,7 @@ MagnetPoseFitter::MagnetPoseFitter(const RigConfiguration& rig)
                            sensor.offset[static_cast<std::size_t>(axis)]});
     }
     positions_.push_back(sensor.position);
+    lowest_sensor_ = std::min(lowest_sensor_, sensor.position.z());
   }
 }
 
@@ -67,8 +70,8 @@ MagnetPose MagnetPoseFitter::search(const Eigen::VectorXd& field, const std::vec
   for (int iz = 0; iz < deep; ++iz) {
     for (int iy = -half; iy <= half; ++iy) {
       for (int ix = -half; ix <= half; ++ix) {
-        const Eigen::Vector3d place =
-            centre + Eigen::Vector3d(ix * kGridStep, iy * kGridStep, -kNearestStart - iz * kGridStep);
+        const Eigen::Vector3d place = centre + Eigen::Vector3d(ix * kGridStep, iy * kGridStep,
+                                                               -kNearestStart - iz * kGridStep);
         Matrix6 normal = Matrix6::Zero();
         Vector6 right = Vector6::Zero();
         double total = 0;
@@ -109,9 +112,9 @@ MagnetPoseFitter::Cost MagnetPoseFitter::cost(const Eigen::VectorXd& field,
     if (!usable[c]) continue;
     if (channels_[c].sensor != sensor) {
       sensor = channels_[c].sensor;
-      expected = background + axial_magnet_field(
-                                  positions_[static_cast<std::size_t>(sensor)] - pose.position,
-                                  moment_ * pose.axis, octupole_ratio_);
+      expected = background +
+                 axial_magnet_field(positions_[static_cast<std::size_t>(sensor)] - pose.position,
+                                    moment_ * pose.axis, octupole_ratio_);
     }
     const double residual =
         (field(static_cast<Eigen::Index>(c)) - channels_[c].response.dot(expected)) / sigma_;
@@ -150,9 +153,9 @@ std::optional<MagnetPoseFit> MagnetPoseFitter::fit(const CalibrationReading& rea
       const Channel& channel = channels_[c];
       if (channel.sensor != sensor) {
         sensor = channel.sensor;
-        magnet = axial_magnet_derivatives(
-            positions_[static_cast<std::size_t>(sensor)] - pose.position, moment_ * pose.axis,
-            octupole_ratio_);
+        magnet =
+            axial_magnet_derivatives(positions_[static_cast<std::size_t>(sensor)] - pose.position,
+                                     moment_ * pose.axis, octupole_ratio_);
       }
       Vector8d row;
       row.head<3>() = -magnet.by_offset.transpose() * channel.response.transpose();
@@ -160,9 +163,9 @@ std::optional<MagnetPoseFit> MagnetPoseFitter::fit(const CalibrationReading& rea
           moment_ * (magnet.by_moment * tangent).transpose() * channel.response.transpose();
       row.tail<3>() = channel.response.transpose();
       row /= sigma_;
-      const double residual = (field(static_cast<Eigen::Index>(c)) -
-                               channel.response.dot(magnet.field + background)) /
-                              sigma_;
+      const double residual =
+          (field(static_cast<Eigen::Index>(c)) - channel.response.dot(magnet.field + background)) /
+          sigma_;
       const double weight = robust_weight(residual);
       normal += weight * row * row.transpose();
       right += weight * residual * row;
@@ -180,7 +183,7 @@ std::optional<MagnetPoseFit> MagnetPoseFitter::fit(const CalibrationReading& rea
                              (pose.axis + tangent * step.segment<2>(3)).normalized()};
       const Eigen::Vector3d moved_background = background + step.tail<3>();
       const Cost next = cost(field, usable, moved, moved_background);
-      if (next.value <= current.value) {
+      if (next.value <= current.value && moved.position.z() < lowest_sensor_) {
         converged = current.value - next.value <= kConvergedDecrease * current.value;
         pose = moved;
         background = moved_background;
@@ -202,8 +205,12 @@ std::optional<MagnetPoseFit> MagnetPoseFitter::fit(const CalibrationReading& rea
         strongest,
         axial_magnet_field(position - pose.position, moment_ * pose.axis, octupole_ratio_).norm());
   }
-  return MagnetPoseFit{pose, background, sigma_ * std::sqrt(current.squares / current.used),
-                       current.value / static_cast<double>(num_usable), strongest, current.outliers / static_cast<double>(num_usable)};
+  return MagnetPoseFit{pose,
+                       background,
+                       sigma_ * std::sqrt(current.squares / current.used),
+                       current.value / static_cast<double>(num_usable),
+                       strongest,
+                       current.outliers / static_cast<double>(num_usable)};
 }
 
 double MagnetPoseFitter::explained_by_magnet(const Eigen::VectorXd& field) const {
@@ -215,8 +222,7 @@ double MagnetPoseFitter::explained_by_magnet(const Eigen::VectorXd& field) const
     responses.row(static_cast<Eigen::Index>(c)) = channels_[c].response;
   }
   const Eigen::VectorXd uniform =
-      responses *
-      (responses.transpose() * responses).ldlt().solve(responses.transpose() * field);
+      responses * (responses.transpose() * responses).ldlt().solve(responses.transpose() * field);
   return 1 - residual / (field - uniform).squaredNorm();
 }
 

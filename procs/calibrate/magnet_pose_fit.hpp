@@ -3,7 +3,8 @@
 //
 // reading = response (B_magnet(position, axis) + background) + offset + coil matrix * currents,
 // solved by Levenberg-Marquardt on axial_magnet_derivatives, robust to wrong channels. Without a
-// start the magnet is searched for on a coarse grid, where moment and background are linear.
+// start the magnet is searched for on a coarse grid, where moment and background are linear. It is
+// below the sensors: a mono-axial array cannot tell a magnet from its mirror image above.
 #pragma once
 
 #include <optional>
@@ -55,6 +56,7 @@ class MagnetPoseFitter {
 
   std::vector<Eigen::Vector3d> positions_;
   std::vector<Channel> channels_;
+  double lowest_sensor_;  // metres, rig z
   Eigen::MatrixXd coil_matrix_;
   double moment_;
   double octupole_ratio_;

@@ -16,7 +16,7 @@ constexpr double kNarrowCone = 40 * kDegree;  // half angle; less turning than t
 constexpr double kShortPath = 0.25;           // of the array's width
 constexpr double kMostOfThem = 0.95;          // of the readings: single fixes may be off
 constexpr double kNearRigAxis = 25 * kDegree;
-constexpr double kOffCentre = 0.2;   // of the array's width, mean position of a group on one side
+constexpr double kOffCentre = 0.2;  // of the array's width, mean position of a group on one side
 constexpr std::array<const char*, 3> kNames = {"x", "y", "z"};
 
 double fraction_of(std::vector<double> values, double fraction) {
@@ -85,10 +85,11 @@ std::vector<std::string> describe_missing_motion(const std::vector<MagnetPose>& 
         named ? name(0) : fmt::format("({:.2f}, {:.2f}, {:.2f})", main(0), main(1), main(2));
     std::array<const char*, 2> others = {name(1), name(2)};
     std::sort(others.begin(), others.end(), [](auto a, auto b) { return *a < *b; });
-    sentences.push_back(fmt::format("the magnet's axis stayed within {:.0f} degrees of {}: turn it {}",
-                                    std::ceil(cone / kDegree), direction,
-                                    named ? fmt::format("about {} and {}", others[0], others[1])
-                                          : std::string("about the two directions across that")));
+    sentences.push_back(
+        fmt::format("the magnet's axis stayed within {:.0f} degrees of {}: turn it {}",
+                    std::ceil(cone / kDegree), direction,
+                    named ? fmt::format("about {} and {}", others[0], others[1])
+                          : std::string("about the two directions across that")));
   }
   const Eigen::Vector2d array = width(positions);
   for (int axis = 0; axis < 2; ++axis) {

@@ -178,9 +178,10 @@ void draw_report(const std::string& folder, const std::string& surface) {
   std::fputs(kReportScript, script);
   if (pclose(script) != 0) {
     throw std::runtime_error(
-        std::string("the plots were not drawn: ") + kPythonInterpreter +
-        " failed. It needs matplotlib and numpy (scripts/install_dependencies installs them); "
-        "metrics.json and the series are complete");
+        std::string("the plots were not drawn, for the reason above; metrics.json and the series "
+                    "are complete. ") +
+        kPythonInterpreter +
+        " needs matplotlib and numpy, which scripts/install_dependencies installs");
   }
 }
 

@@ -28,7 +28,8 @@ void FullField::evaluate(const MagnetState& state, NormalEquations& equations) {
   residual_ = h - residual_;
   const Eigen::Index n = h.size() / 3;
   for (int j = 0; j < kNumMagnetUnknowns; ++j) {
-    apply_information(information_->matrix, field_.by_unknown.col(j).data(), weighted_.col(j).data());
+    apply_information(information_->matrix, field_.by_unknown.col(j).data(),
+                      weighted_.col(j).data());
     for (int i = 0; i <= j; ++i) {
       const double entry = field_.by_unknown.col(i).dot(weighted_.col(j));
       equations.information(i, j) = entry;

@@ -27,7 +27,7 @@ class FullField : public Estimator {
   Eigen::Matrix3d background_matrix_;  // sum of its matrices
   // Workspace.
   ArrayField field_;
-  Eigen::VectorXd residual_;  // h - G B
+  Eigen::VectorXd residual_;                                            // h - G B
   Eigen::Matrix<double, Eigen::Dynamic, kNumMagnetUnknowns> weighted_;  // G J
 };
 

@@ -90,8 +90,7 @@ std::vector<MagnetState> GlobalSearch::candidates(const FieldInformation& inform
       weighed.matrix[entry] = weight.cwiseProduct(information.matrix[entry]);
     }
     for (Eigen::Index k = 0; k < 3; ++k) {
-      weighed.vector.segment(k * n, n) =
-          weight.cwiseProduct(information.vector.segment(k * n, n));
+      weighed.vector.segment(k * n, n) = weight.cwiseProduct(information.vector.segment(k * n, n));
     }
     try_point(candidate.point, weighed);
   }

@@ -39,8 +39,8 @@ std::unique_ptr<Estimator> make_estimator(const RigConfiguration& configuration,
 
 MagneticLocalizer::MagneticLocalizer(const RigConfiguration& configuration)
     : limits_(configuration.magnetic_localizer),
-      prior_{configuration.magnet.moment, configuration.magnet.moment_std,
-             configuration.magnetic_localizer.background_std},
+      prior_{configuration.magnet.moment,
+             limits_.estimate_moment ? configuration.magnet.moment_std : 0, limits_.background_std},
       has_coils_(configuration.coils.tesla_per_ampere.size() > 0),
       array_(configuration.hall_array),
       cleaner_(configuration),
@@ -77,7 +77,7 @@ MagneticFix MagneticLocalizer::localize(const HallReading& reading,
     }
   }
   if (!solution) return unknown_pose(FixStatus::kNoFix);
-  const MagneticFix fix = judge(*solution, coil_field_left_in);
+  MagneticFix fix = judge(*solution, coil_field_left_in);
   if (fix.status == FixStatus::kOk) {
     last_ = fix.state;
     readings_until_search_ = 0;

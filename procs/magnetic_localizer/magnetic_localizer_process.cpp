@@ -53,9 +53,9 @@ MagneticLocalizerProcess::MagneticLocalizerProcess(Bus& bus, const RigConfigurat
 
 void MagneticLocalizerProcess::handle_currents(const coil_currents_t& currents) {
   if (currents.num_coils == num_coils_) {
-    currents_.add(currents.utime,
-                  Eigen::Map<const Eigen::VectorXf>(currents.current.data(), num_coils_)
-                      .cast<double>());
+    currents_.add(
+        currents.utime,
+        Eigen::Map<const Eigen::VectorXf>(currents.current.data(), num_coils_).cast<double>());
   } else {
     report_problem("COIL_CURRENTS has " + std::to_string(currents.num_coils) +
                    " coils, the configuration " + std::to_string(num_coils_) +
@@ -101,8 +101,7 @@ void MagneticLocalizerProcess::localize(const hall_array_t& reading) {
       reading_.field[s * num_axes_ + axis] = reading.field[sensor][static_cast<std::size_t>(axis)];
     }
   }
-  const magnetics::MagneticFix fix =
-      localizer_.localize(reading_, currents_.at(reading.utime));
+  const magnetics::MagneticFix fix = localizer_.localize(reading_, currents_.at(reading.utime));
   report_problem(fix.status == magnetics::FixStatus::kNoCurrents
                      ? "no COIL_CURRENTS around the readings: check the coil driver"
                      : "");

@@ -66,8 +66,8 @@ FieldInformation::FieldInformation(Eigen::Index num_sensors) {
   scalar.setZero(num_sensors);
 }
 
-void inform(const SensorArray& array, const CleanReading& reading,
-            const SensorMatrices& covariance, FieldInformation& information) {
+void inform(const SensorArray& array, const CleanReading& reading, const SensorMatrices& covariance,
+            FieldInformation& information) {
   const Eigen::Index n = array.num_sensors;
   const double* const z = reading.value.data();
   const double* const usable = reading.usable.data();
@@ -156,10 +156,8 @@ void sensor_misfits(const FieldInformation& information, const Eigen::VectorXd& 
     const double y = b[i + n];
     const double z = b[i + 2 * n];
     const double misfit =
-        information.scalar[i] -
-        x * (2 * h[i] - g[0][i] * x - 2 * (g[1][i] * y + g[2][i] * z)) -
-        y * (2 * h[i + n] - g[3][i] * y - 2 * g[4][i] * z) -
-        z * (2 * h[i + 2 * n] - g[5][i] * z);
+        information.scalar[i] - x * (2 * h[i] - g[0][i] * x - 2 * (g[1][i] * y + g[2][i] * z)) -
+        y * (2 * h[i + n] - g[3][i] * y - 2 * g[4][i] * z) - z * (2 * h[i + 2 * n] - g[5][i] * z);
     misfits[i] = misfit < 0 ? 0 : misfit;  // rounding of a perfect match
   }
 }

@@ -41,8 +41,8 @@ struct FieldInformation {
   Eigen::VectorXd scalar;  // c = z^T V^-1 z
 };
 // Fills `information`, which must have the array's size.
-void inform(const SensorArray& array, const CleanReading& reading,
-            const SensorMatrices& covariance, FieldInformation& information);
+void inform(const SensorArray& array, const CleanReading& reading, const SensorMatrices& covariance,
+            FieldInformation& information);
 
 // `out` = G `in` at every sensor; both point to all x, all y, all z.
 void apply_information(const SensorMatrices& matrix, const double* in, double* out);

@@ -20,11 +20,10 @@ Grid check_grid(const HallArrayConfiguration& configuration) {
   const std::string advice = "; magnetic_localizer.estimator: full_field takes any array";
   if (configuration.num_sensors() != configuration.rows * configuration.cols) {
     throw ConfigurationError("second_difference needs hall_array.rows x hall_array.cols sensors" +
-                                advice);
+                             advice);
   }
   if (configuration.rows < 3 || configuration.cols < 3) {
-    throw ConfigurationError("second_difference needs a grid of at least 3 x 3 sensors" +
-                                advice);
+    throw ConfigurationError("second_difference needs a grid of at least 3 x 3 sensors" + advice);
   }
   const std::vector<HallSensorConfiguration> sensors = configuration.resolved_sensors();
   const auto position = [&](int row, int col) {
@@ -36,8 +35,8 @@ Grid check_grid(const HallArrayConfiguration& configuration) {
   const Eigen::Vector3d col_step =
       (position(0, configuration.cols - 1) - origin) / (configuration.cols - 1);
   const double tolerance = kGridTolerance * std::min(row_step.norm(), col_step.norm());
-  bool regular = std::abs(row_step.dot(col_step)) <=
-                 kGridTolerance * row_step.norm() * col_step.norm();
+  bool regular =
+      std::abs(row_step.dot(col_step)) <= kGridTolerance * row_step.norm() * col_step.norm();
   for (int row = 0; row < configuration.rows; ++row) {
     for (int col = 0; col < configuration.cols; ++col) {
       const Eigen::Vector3d expected = origin + row * row_step + col * col_step;
@@ -45,8 +44,10 @@ Grid check_grid(const HallArrayConfiguration& configuration) {
     }
   }
   if (!regular) {
-    throw ConfigurationError("second_difference needs sensors on a regular, rectangular grid, "
-                                "row by row" + advice);
+    throw ConfigurationError(
+        "second_difference needs sensors on a regular, rectangular grid, "
+        "row by row" +
+        advice);
   }
   return {configuration.rows, configuration.cols, row_step.norm(), col_step.norm()};
 }
@@ -147,11 +148,11 @@ void SecondDifference::set_reading(const CleanReading& reading, const SensorMatr
   }
   Eigen::SparseMatrix<double, Eigen::RowMajor> channel_noise(3 * num_sensors_, 3 * num_sensors_);
   channel_noise.setFromTriplets(noise.begin(), noise.end());
-  Eigen::MatrixXd total =
-      Eigen::MatrixXd(differences * channel_noise * differences.transpose());
+  Eigen::MatrixXd total = Eigen::MatrixXd(differences * channel_noise * differences.transpose());
   // Where sensors differ in direction the background does not cancel to the last bit.
   Eigen::MatrixXd uniform = Eigen::MatrixXd::Zero(3 * num_sensors_, 3);
-  for (Eigen::Index k = 0; k < 3; ++k) uniform.col(k).segment(k * num_sensors_, num_sensors_).setOnes();
+  for (Eigen::Index k = 0; k < 3; ++k)
+    uniform.col(k).segment(k * num_sensors_, num_sensors_).setOnes();
   const Eigen::MatrixXd leak = background_std_ * (used_field_differences_ * uniform);
   total += leak * leak.transpose();
   noise_.compute(total);

@@ -45,8 +45,8 @@ class SecondDifference : public Estimator {
   Eigen::SparseMatrix<double, Eigen::RowMajor> field_differences_;
   // Differences that the last reading allows.
   Eigen::SparseMatrix<double, Eigen::RowMajor> used_field_differences_;
-  Eigen::VectorXd observed_;                    // whitened
-  Eigen::LLT<Eigen::MatrixXd> noise_;           // of the used differences
+  Eigen::VectorXd observed_;           // whitened
+  Eigen::LLT<Eigen::MatrixXd> noise_;  // of the used differences
   ArrayField field_;
 };
 

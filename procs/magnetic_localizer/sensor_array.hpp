@@ -22,10 +22,10 @@ struct SensorArray {
   Eigen::Vector3d centre() const;
 
   Eigen::Index num_sensors = 0;
-  Eigen::Index num_axes = 0;                  // measured axes a sensor, 1 or 3
-  std::array<Eigen::VectorXd, 3> position;    // x, y, z of all sensors, metres, rig frame
-  std::array<Eigen::VectorXd, 9> response;    // [3 axis + k]: d reading / d B_k of all sensors
-  Eigen::VectorXd offset;                     // tesla, channels
+  Eigen::Index num_axes = 0;                // measured axes a sensor, 1 or 3
+  std::array<Eigen::VectorXd, 3> position;  // x, y, z of all sensors, metres, rig frame
+  std::array<Eigen::VectorXd, 9> response;  // [3 axis + k]: d reading / d B_k of all sensors
+  Eigen::VectorXd offset;                   // tesla, channels
 };
 
 // A reading as it comes from the array.
@@ -54,10 +54,10 @@ class ReadingCleaner {
  private:
   SensorArray array_;
   double saturation_;
-  double current_variance_;  // ampere^2
-  double matrix_variance_;   // (tesla per ampere)^2
-  Eigen::MatrixXd tesla_per_ampere_;          // over channels
-  Eigen::VectorXd variance_by_current_;       // tesla^2 that the noise of the currents makes
+  double current_variance_;              // ampere^2
+  double matrix_variance_;               // (tesla per ampere)^2
+  Eigen::MatrixXd tesla_per_ampere_;     // over channels
+  Eigen::VectorXd variance_by_current_;  // tesla^2 that the noise of the currents makes
 };
 
 }  // namespace gastronaut::magnetics

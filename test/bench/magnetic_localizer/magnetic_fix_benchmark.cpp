@@ -28,8 +28,7 @@ struct Track {
     for (int i = 0; i < 2 * kHalf; ++i) {
       const double direction = i < kHalf ? 1 : -1;
       state.position += direction * Eigen::Vector3d(0.2e-3, 0, 0.05e-3);
-      state.axis =
-          so3_exp(direction * 0.009 * Eigen::Vector3d::UnitY()) * state.axis;
+      state.axis = so3_exp(direction * 0.009 * Eigen::Vector3d::UnitY()) * state.axis;
       states.push_back(state);
       readings.push_back(test::simulate_reading(rig.hall_array, rig.magnet, state, &draws));
     }

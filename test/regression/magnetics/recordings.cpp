@@ -169,9 +169,8 @@ Recording read_magnet_board(const std::filesystem::path& folder, int run) {
       reading.hall.field.segment<3>(static_cast<Eigen::Index>(3 * s)) =
           kMicrotesla * vector(rows[first + s], kField);
     }
-    reading.truth = {
-        kMillimetre * (rig_R_world * (vector(rows[first], kMagnet) - origin)),
-        rig_R_world * rotation_from_vector(vector(rows[first], kMagnetTurn)).col(2)};
+    reading.truth = {kMillimetre * (rig_R_world * (vector(rows[first], kMagnet) - origin)),
+                     rig_R_world * rotation_from_vector(vector(rows[first], kMagnetTurn)).col(2)};
     recording.readings.push_back(std::move(reading));
   }
   return recording;

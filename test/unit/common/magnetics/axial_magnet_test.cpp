@@ -25,8 +25,8 @@ Eigen::Vector3d ring_of_dipoles(const AxialMagnetShape& shape, const Eigen::Vect
   Eigen::Vector3d field = Eigen::Vector3d::Zero();
   double weight = 0;
   for (int i = 0; i < kRadial; ++i) {
-    const double radius = shape.inner_radius + (shape.outer_radius - shape.inner_radius) *
-                                                   (i + 0.5) / kRadial;
+    const double radius =
+        shape.inner_radius + (shape.outer_radius - shape.inner_radius) * (i + 0.5) / kRadial;
     for (int j = 0; j < kAround; ++j) {
       const double angle = 2 * std::numbers::pi * j / kAround;
       for (int k = 0; k < kAlong; ++k) {
@@ -43,8 +43,8 @@ Eigen::Vector3d ring_of_dipoles(const AxialMagnetShape& shape, const Eigen::Vect
 
 TEST(AxialMagnet, OctupoleLeavesTheFourthPowerOfSizeOverDistance) {
   const double size = std::hypot(kRing.outer_radius, kRing.length / 2);
-  constexpr double kNextMultipole = 5;     // its coefficient is of that order
-  constexpr double kQuadrature = 3e-5;     // of the sum over dipoles
+  constexpr double kNextMultipole = 5;  // its coefficient is of that order
+  constexpr double kQuadrature = 3e-5;  // of the sum over dipoles
   for (const double distance : {0.02, 0.03, 0.05, 0.08}) {
     for (const Eigen::Vector3d& direction :
          {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0.3, -0.5, 0.8), Eigen::Vector3d(0, 1, 0.2)}) {

@@ -5,8 +5,8 @@
 namespace gastronaut {
 namespace {
 
-constexpr double kMaxGap = 0.1;            // seconds
-constexpr std::int64_t kPeriod = 10'000;   // microseconds
+constexpr double kMaxGap = 0.1;           // seconds
+constexpr std::int64_t kPeriod = 10'000;  // microseconds
 constexpr double kRounding = 1e-12;
 
 const Eigen::Vector2d kFirst(1, -2);

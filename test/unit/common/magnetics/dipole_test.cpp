@@ -24,10 +24,10 @@ TEST(Dipole, FieldOnTheAxisAndOnTheEquatorIsTheTextbooks) {
              2 * unit * Eigen::Vector3d::UnitZ())
                 .norm(),
             kRounding * unit);
-  EXPECT_LT((dipole_field(kDistance * Eigen::Vector3d::UnitX(), moment) +
-             unit * Eigen::Vector3d::UnitZ())
-                .norm(),
-            kRounding * unit);
+  EXPECT_LT(
+      (dipole_field(kDistance * Eigen::Vector3d::UnitX(), moment) + unit * Eigen::Vector3d::UnitZ())
+          .norm(),
+      kRounding * unit);
 }
 
 TEST(Dipole, FieldIsLinearInTheMoment) {

@@ -140,7 +140,7 @@ TEST(Organ, StomachFromCtBecomesAFineClosedCavity) {
 TEST(Organ, RefusesAFileThatIsNoMesh) {
   OrganConfiguration configuration = coarse();
   configuration.mesh = std::string(GASTRONAUT_SOURCE_DIR) + "/CMakeLists.txt";
-  EXPECT_THROW(Organ{configuration}, std::runtime_error);
+  EXPECT_THROW(Organ{configuration}, ConfigurationError);
 }
 
 }  // namespace

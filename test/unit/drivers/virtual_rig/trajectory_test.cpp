@@ -123,8 +123,7 @@ TEST(Trajectory, RefusesATourThatDoesNotFit) {
   VirtualRigScenario scenario = small_scenario();
   scenario.trajectory.path_length = 1000;
   const Organ organ(scenario.organ);
-  EXPECT_THROW(Trajectory(scenario.trajectory, organ.centreline(), SE3(), 1),
-               std::invalid_argument);
+  EXPECT_THROW(Trajectory(scenario.trajectory, organ.centreline(), SE3(), 1), ConfigurationError);
 }
 
 }  // namespace

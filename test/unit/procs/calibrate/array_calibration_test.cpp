@@ -64,7 +64,8 @@ Consistency consistency(const RigConfiguration& nominal, const RigConfiguration&
     const Eigen::MatrixXd difference =
         calibration.rig.hall_array.sensors[s].response - truth.hall_array.sensors[s].response;
     for (Eigen::Index axis = 0; axis < difference.rows(); ++axis, ++channel) {
-      const Eigen::RowVector3d along = nominal.hall_array.sensors[s].response.row(axis).normalized();
+      const Eigen::RowVector3d along =
+          nominal.hall_array.sensors[s].response.row(axis).normalized();
       const double gain = difference.row(axis).dot(along);
       const double across = (difference.row(axis) - gain * along).squaredNorm() / 2;
       const double offset = offset_errors(static_cast<Eigen::Index>(channel));
@@ -101,7 +102,8 @@ TEST_P(ArrayCalibrationOfEveryKind, ErrsAsMuchAsItSaysAndFarLessThanBefore) {
   constexpr int kSeeds = 4;
   Consistency mean;
   for (int seed = 1; seed <= kSeeds; ++seed) {
-    const RigConfiguration truth = with_sensor_errors(rig, kPriors, static_cast<std::uint64_t>(seed));
+    const RigConfiguration truth =
+        with_sensor_errors(rig, kPriors, static_cast<std::uint64_t>(seed));
     SimulatedRun run{wide_path, independent_currents};
     run.seed = static_cast<std::uint64_t>(seed);
     run.known_poses = GetParam().known_poses;
@@ -121,7 +123,6 @@ TEST_P(ArrayCalibrationOfEveryKind, ErrsAsMuchAsItSaysAndFarLessThanBefore) {
     EXPECT_LT(calibration.held_out_rms_after, kNoOverfit * rig.hall_array.noise);
     EXPECT_GT(calibration.held_out_rms_before, 2 * calibration.held_out_rms_after);
   }
-  std::printf("gain %.3f align %.3f off %.3f rms %.5f %.5f %.3g\n", mean.gain, mean.alignment, mean.offset, mean.gain_rms, mean.alignment_rms, mean.offset_rms);
   // Errors of the channels hang together through poses and moment: the means of 64 or more
   // squares scatter more widely than the square root of their number says.
   constexpr double kLeastNees = 0.6;
@@ -130,7 +131,7 @@ TEST_P(ArrayCalibrationOfEveryKind, ErrsAsMuchAsItSaysAndFarLessThanBefore) {
     EXPECT_GT(nees, kLeastNees);
     EXPECT_LT(nees, kMostNees);
   }
-  constexpr double kWorthwhile = 0.7;  // of the prior; a mono-axial array hears less
+  constexpr double kWorthwhile = 0.7;  // of the prior
   EXPECT_LT(mean.gain_rms, kWorthwhile * kPriors.gain_std);
   EXPECT_LT(mean.alignment_rms, kWorthwhile * kPriors.alignment_std);
   EXPECT_LT(mean.offset_rms, kWorthwhile * kPriors.offset_std);
@@ -143,7 +144,6 @@ INSTANTIATE_TEST_SUITE_P(, ArrayCalibrationOfEveryKind,
                                          Case{"OneAxisUnknownPoses", 1, false}),
                          [](const auto& test) { return std::string(test.param.name); });
 
-
 class ArrayCalibrationTest : public testing::Test {
  protected:
   const RigConfiguration rig_ = simulated_rig(3);
@@ -153,8 +153,7 @@ class ArrayCalibrationTest : public testing::Test {
 
 TEST_F(ArrayCalibrationTest, MendsACoilMatrixThatLeavesTheSensorsErrorsOut) {
   const ArrayCalibration calibration = calibrate(rig_, simulate(truth_, run_));
-  const double before =
-      (rig_.coils.tesla_per_ampere - truth_.coils.tesla_per_ampere).norm();
+  const double before = (rig_.coils.tesla_per_ampere - truth_.coils.tesla_per_ampere).norm();
   const double after =
       (calibration.rig.coils.tesla_per_ampere - truth_.coils.tesla_per_ampere).norm();
   constexpr double kMended = 0.2;
@@ -165,9 +164,9 @@ TEST_F(ArrayCalibrationTest, LeavesAMeasuredCoilMatrixAsItIs) {
   RigConfiguration rig = rig_;
   rig.coils = truth_.coils;
   const ArrayCalibration calibration = calibrate(rig, simulate(truth_, run_));
-  const double change = (calibration.rig.coils.tesla_per_ampere - truth_.coils.tesla_per_ampere)
-                            .norm() /
-                        truth_.coils.tesla_per_ampere.norm();
+  const double change =
+      (calibration.rig.coils.tesla_per_ampere - truth_.coils.tesla_per_ampere).norm() /
+      truth_.coils.tesla_per_ampere.norm();
   // Noise against the drive of 1.4 A rms in each coil; the held-out fifth is not used.
   const double entry = rig.hall_array.noise / (1.4 * std::sqrt(0.8 * run_.readings));
   const double relative = entry / std::sqrt(truth_.coils.tesla_per_ampere.cwiseAbs2().mean());
@@ -251,8 +250,8 @@ TEST_F(ArrayCalibrationTest, RefusesAShortPathWithoutTurningAndSaysWhatToTurnAnd
     return pose;
   };
   EXPECT_THAT(refusal(rig_, run_, truth_),
-              AllOf(HasSubstr("degrees of x"), HasSubstr("about y and z"),
-                    HasSubstr("mm along x"), HasSubstr("mm along y")));
+              AllOf(HasSubstr("degrees of x"), HasSubstr("about y and z"), HasSubstr("mm along x"),
+                    HasSubstr("mm along y")));
 }
 
 TEST_F(ArrayCalibrationTest, NamesTheSensorsThatNeverSawTheMagnet) {
@@ -295,13 +294,15 @@ TEST_F(ArrayCalibrationTest, RefusesKnownPosesThatDisagreeWithTheArray) {
     calibrate(rig_, readings);
     FAIL() << "accepted";
   } catch (const CalibrationRefused& refused) {
-    EXPECT_THAT(refused.what(), AllOf(testing::ContainsRegex("(29|3[01]) mm"), HasSubstr("camera_T_magnet")));
+    EXPECT_THAT(refused.what(),
+                AllOf(testing::ContainsRegex("(29|3[01]) mm"), HasSubstr("camera_T_magnet")));
   }
 }
 
 TEST(MissingMotion, NamesNoSideForSensorsAllOverTheArray) {
   std::vector<Eigen::Vector3d> positions;
-  for (const auto& sensor : simulated_rig(3).hall_array.sensors) positions.push_back(sensor.position);
+  for (const auto& sensor : simulated_rig(3).hall_array.sensors)
+    positions.push_back(sensor.position);
   EXPECT_EQ(name_sensors({0, 3, 12, 15}, positions), "sensors 0, 3, 12, 15");
   EXPECT_EQ(name_sensors({3, 7}, positions), "sensors 3, 7 (-x +y side)");
   EXPECT_EQ(name_sensors({0, 1, 2, 3}, positions), "sensors 0-3 (-x side)");
@@ -310,7 +311,8 @@ TEST(MissingMotion, NamesNoSideForSensorsAllOverTheArray) {
 
 TEST(MissingMotion, IsContentWithAWidePath) {
   std::vector<Eigen::Vector3d> positions;
-  for (const auto& sensor : simulated_rig(3).hall_array.sensors) positions.push_back(sensor.position);
+  for (const auto& sensor : simulated_rig(3).hall_array.sensors)
+    positions.push_back(sensor.position);
   std::vector<MagnetPose> poses;
   constexpr int kPoses = 100;
   for (int i = 0; i < kPoses; ++i) poses.push_back(wide_path(static_cast<double>(i) / kPoses));

@@ -11,8 +11,8 @@
 
 namespace gastronaut {
 
-// An array 120 mm wide, 85 mm above the rig's origin, of 4 x 4 sensors with three axes or 8 x 8 with
-// one; four coils. Ideal sensors.
+// An array 120 mm wide, 85 mm above the rig's origin, of 4 x 4 sensors with three axes or 8 x 8
+// with one; four coils. Ideal sensors.
 RigConfiguration simulated_rig(int num_axes);
 
 // The rig as it really is: errors drawn from the priors. What the coils do to a sensor goes through

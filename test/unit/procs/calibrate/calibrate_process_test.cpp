@@ -1,6 +1,5 @@
 // The program itself, on logs written here.
 #include <gmock/gmock.h>
-
 #include <sys/wait.h>
 
 #include <cstdlib>
@@ -51,8 +50,7 @@ class CalibrateProgram : public testing::Test {
       for (Eigen::Index s = 0; s < hall.num_sensors; ++s) {
         hall.field.emplace_back();
         for (Eigen::Index axis = 0; axis < hall.num_axes; ++axis) {
-          hall.field.back().push_back(
-              static_cast<float>(reading.field(s * hall.num_axes + axis)));
+          hall.field.back().push_back(static_cast<float>(reading.field(s * hall.num_axes + axis)));
         }
       }
       log.write(channel::kHallArray, hall);

@@ -16,8 +16,8 @@ const ArrayPriors kErrors;
 class CoilCalibrationTest : public testing::Test {
  protected:
   CoilCalibration calibrate(const std::vector<CalibrationReading>& readings) const {
-    return calibrate_coils(
-        readings, 3, Eigen::VectorXd::Constant(4, truth_.coils.current_noise), rig_);
+    return calibrate_coils(readings, 3, Eigen::VectorXd::Constant(4, truth_.coils.current_noise),
+                           rig_);
   }
   std::string refusal(const SimulatedRun& run) const {
     try {

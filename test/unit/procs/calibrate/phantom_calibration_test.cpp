@@ -144,7 +144,7 @@ TEST_P(PhantomCalibration, BringsFixesOfTheUnseenHalfNearerToTheTruth) {
   if (!std::ifstream(folder + "/hall.csv")) GTEST_SKIP() << "no shared data at " << folder;
   const Phantom phantom = load_phantom(folder);
   ArrayCalibrationOptions options;
-  options.most_readings = 150;  // enough here, and quick
+  options.most_readings = 300;  // enough here, and quick
   const std::vector<CalibrationReading> first_half(
       phantom.readings.begin(),
       phantom.readings.begin() + static_cast<std::ptrdiff_t>(phantom.readings.size() / 2));
@@ -160,10 +160,11 @@ TEST_P(PhantomCalibration, BringsFixesOfTheUnseenHalfNearerToTheTruth) {
   const Errors after = errors_of_fixes(phantom, calibration.rig);
   RecordProperty("median_position_mm_before", std::to_string(before.median_position * 1e3));
   RecordProperty("median_position_mm_after", std::to_string(after.median_position * 1e3));
-  std::printf("%s, second half: median %.3f -> %.3f mm, rms %.3f -> %.3f mm, axis %.3f -> %.3f deg\n",
-              GetParam(), before.median_position * 1e3, after.median_position * 1e3,
-              before.rms_position * 1e3, after.rms_position * 1e3, before.median_axis * 180 / M_PI,
-              after.median_axis * 180 / M_PI);
+  std::printf(
+      "%s, second half: median %.3f -> %.3f mm, rms %.3f -> %.3f mm, axis %.3f -> %.3f deg\n",
+      GetParam(), before.median_position * 1e3, after.median_position * 1e3,
+      before.rms_position * 1e3, after.rms_position * 1e3, before.median_axis * 180 / M_PI,
+      after.median_axis * 180 / M_PI);
   constexpr double kWorthwhile = 0.85;  // noise alone leaves about half of what there was
   EXPECT_LT(after.median_position, kWorthwhile * before.median_position);
   EXPECT_LT(after.rms_position, kWorthwhile * before.rms_position);

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "unit/procs/magnetic_localizer/simulated_array.hpp"
 
 namespace gastronaut::magnetics {
@@ -32,8 +34,7 @@ TEST(MagnetModel, FieldIsThatOfTheAxialMagnetAndTheBackground) {
     for (Eigen::Index s = 0; s < 64; ++s) {
       const Eigen::Vector3d expected =
           axial_magnet_field(sensors[static_cast<std::size_t>(s)].position - state.position,
-                             state.moment * state.axis,
-                             octupole_ratio(scene.rig.magnet.shape())) +
+                             state.moment * state.axis, octupole_ratio(scene.rig.magnet.shape())) +
           state.background;
       const Eigen::Vector3d actual(field[s], field[64 + s], field[128 + s]);
       EXPECT_LT((actual - expected).norm(), kRounding * expected.norm());

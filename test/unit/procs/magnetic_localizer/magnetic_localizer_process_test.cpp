@@ -50,8 +50,7 @@ class MagneticLocalizerProcessTest : public ::testing::Test {
   }
 
   hall_array_t hall(int seq, const Eigen::Vector2d& currents = Eigen::Vector2d::Zero()) {
-    HallReading reading =
-        test::simulate_reading(rig_.hall_array, rig_.magnet, truth_, nullptr);
+    HallReading reading = test::simulate_reading(rig_.hall_array, rig_.magnet, truth_, nullptr);
     if (rig_.coils.tesla_per_ampere.size() > 0) {
       reading.field += rig_.coils.tesla_per_ampere * currents;
     }

@@ -79,8 +79,9 @@ double mean_nees(const RigConfiguration& rig, int count, double most_depth) {
 }
 
 TEST(MagneticLocalizer, FindsTheRightBasinWithoutAnyPriorAnywhereInTheBox) {
-  constexpr double kNoiseFree = 1e-9;     // tesla: the smallest signal in the box is a hundred times it
-  constexpr double kSameBasin = 0.1e-3;   // metres: thousands of times the noise, no local minimum
+  constexpr double kNoiseFree =
+      1e-9;  // tesla: the smallest signal in the box is a hundred times it
+  constexpr double kSameBasin = 0.1e-3;  // metres: thousands of times the noise, no local minimum
   for (const bool single_axis : {false, true}) {
     RigConfiguration rig = test::exact_rig();
     if (single_axis) rig = mono_axial(rig);
@@ -89,14 +90,14 @@ TEST(MagneticLocalizer, FindsTheRightBasinWithoutAnyPriorAnywhereInTheBox) {
     const MagneticLocalizerConfiguration& box = rig.magnetic_localizer;
     for (int i = 0; i < 200; ++i) {
       Draws draws(1, static_cast<std::uint64_t>(i));
-      const MagnetState truth = test::random_state(rig, draws, box.search_half_width, 0.015,
-                                                   box.search_depth);
-      const MagneticFix fix = localize_once(
-          rig, test::simulate_reading(rig.hall_array, rig.magnet, truth, nullptr));
+      const MagnetState truth =
+          test::random_state(rig, draws, box.search_half_width, 0.015, box.search_depth);
+      const MagneticFix fix =
+          localize_once(rig, test::simulate_reading(rig.hall_array, rig.magnet, truth, nullptr));
       EXPECT_LT((fix.state.position - truth.position).norm(), kSameBasin)
           << "pose " << i << " at " << truth.position.transpose() << " axis "
-          << truth.axis.transpose() << (single_axis ? ", one axis" : ", three axes")
-          << " status " << static_cast<int>(fix.status) << " chi2 " << fix.chi2_per_dof;
+          << truth.axis.transpose() << (single_axis ? ", one axis" : ", three axes") << " status "
+          << static_cast<int>(fix.status) << " chi2 " << fix.chi2_per_dof;
     }
   }
 }
@@ -151,8 +152,8 @@ TEST(MagneticLocalizer, ReachesTheCramerRaoBoundWhenTheModelIsExact) {
                   kSamePrediction);
     }
   }
-  const double position_ratio = std::sqrt(scatter.topLeftCorner<3, 3>().trace() /
-                                          bound.topLeftCorner<3, 3>().trace());
+  const double position_ratio =
+      std::sqrt(scatter.topLeftCorner<3, 3>().trace() / bound.topLeftCorner<3, 3>().trace());
   const double axis_ratio = std::sqrt(scatter.bottomRightCorner<2, 2>().trace() /
                                       bound.bottomRightCorner<2, 2>().trace());
   RecordProperty("position_over_bound", std::to_string(position_ratio));
@@ -290,8 +291,8 @@ TEST_P(FaultyReadings, FarMagnetReportsTooFarInsteadOfAGuess) {
 TEST_P(FaultyReadings, ForeignDipoleReportsInterferenceAndRecovers) {
   MagneticLocalizer localizer(rig_);
   expect_good(localizer.localize(reading(), std::nullopt));
-  const MagneticFix disturbed = localizer.localize(
-      reading({{0.10, 0.08, 0.15}, {0, 8, 6}}), std::nullopt);  // a strong magnet 15 cm away
+  const MagneticFix disturbed = localizer.localize(reading({{0.10, 0.08, 0.15}, {0, 8, 6}}),
+                                                   std::nullopt);  // a strong magnet 15 cm away
   EXPECT_EQ(disturbed.status, FixStatus::kInterference);
   EXPECT_GT(disturbed.covariance(0, 0), 0.01);
   expect_good(localizer.localize(reading(), std::nullopt));
@@ -325,8 +326,7 @@ TEST(MagneticLocalizer, AFixDependsOnItsReadingAloneNotOnTheOneBefore) {
   for (int i = 0; i < 20; ++i) {
     truth.position.x() += 0.5e-3;
     truth.axis = (truth.axis + 0.02 * draws.direction()).normalized();
-    const HallReading reading =
-        test::simulate_reading(rig.hall_array, rig.magnet, truth, &draws);
+    const HallReading reading = test::simulate_reading(rig.hall_array, rig.magnet, truth, &draws);
     const MagneticFix fix = warm.localize(reading, std::nullopt);
     const MagneticFix alone = localize_once(rig, reading);
     const double deviation = std::sqrt(position_variance(alone.covariance));
@@ -351,8 +351,8 @@ TEST(MagneticLocalizer, WorksWithSensorsInAnyPose) {
   constexpr double kSigmas = 5;
   for (int i = 0; i < 50; ++i) {
     const MagnetState truth = test::random_state(rig, draws, 0.03, 0.09, 0.13);
-    const MagneticFix fix = localize_once(
-        rig, test::simulate_reading(rig.hall_array, rig.magnet, truth, &draws));
+    const MagneticFix fix =
+        localize_once(rig, test::simulate_reading(rig.hall_array, rig.magnet, truth, &draws));
     EXPECT_EQ(fix.status, FixStatus::kOk);
     const Vector5d error = test::pose_error(truth.position, truth.axis, fix.state);
     EXPECT_LT(error.dot(fix.covariance.llt().solve(error)), kSigmas * kSigmas);

@@ -26,8 +26,8 @@ TEST(NoiseModel, CovarianceIsThatOfSensorsWithSuchErrors) {
     test::Draws draws(9, static_cast<std::uint64_t>(i));
     Eigen::Vector3d error = (real.response - ideal[0].response) * field;
     for (int axis = 0; axis < 3; ++axis) {
-      error[axis] += real.offset[static_cast<std::size_t>(axis)] +
-                     rig.hall_array.noise * draws.normal();
+      error[axis] +=
+          real.offset[static_cast<std::size_t>(axis)] + rig.hall_array.noise * draws.normal();
     }
     scatter += error * error.transpose() / kDraws;
   }

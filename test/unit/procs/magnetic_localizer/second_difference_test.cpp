@@ -27,8 +27,7 @@ struct Scene {
   RigConfiguration rig;
   SensorArray array{rig.hall_array};
   MagnetModel model{array, octupole_ratio(rig.magnet.shape())};
-  SecondDifference differences{array, model, rig.hall_array,
-                               rig.magnetic_localizer.background_std};
+  SecondDifference differences{array, model, rig.hall_array, rig.magnetic_localizer.background_std};
 };
 
 MagnetState some_state(const RigConfiguration& rig) {
@@ -61,8 +60,8 @@ TEST(SecondDifference, NoiseOfNeighbouringStencilsIsAccountedFor) {
   double sum = 0;
   for (int i = 0; i < kReadings; ++i) {
     test::Draws draws(2, static_cast<std::uint64_t>(i));
-    sum += scene.misfit(state, test::simulate_reading(scene.rig.hall_array, scene.rig.magnet,
-                                                      state, &draws));
+    sum += scene.misfit(
+        state, test::simulate_reading(scene.rig.hall_array, scene.rig.magnet, state, &draws));
   }
   EXPECT_EQ(scene.differences.num_observations(), 3 * 6 * 6);
   EXPECT_NEAR(sum / kReadings / scene.differences.num_observations(), 1, kFourSigmas);

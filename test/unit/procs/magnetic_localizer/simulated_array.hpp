@@ -20,12 +20,8 @@ class Draws {
  public:
   Draws(std::uint64_t seed, std::uint64_t stream) : random_(seed, stream) {}
   double normal() { return random_.normal(next_++); }
-  double uniform(double low, double high) {
-    return low + (high - low) * random_.uniform(next_++);
-  }
-  Eigen::Vector3d direction() {
-    return Eigen::Vector3d(normal(), normal(), normal()).normalized();
-  }
+  double uniform(double low, double high) { return low + (high - low) * random_.uniform(next_++); }
+  Eigen::Vector3d direction() { return Eigen::Vector3d(normal(), normal(), normal()).normalized(); }
 
  private:
   CounterRandom random_;
@@ -86,8 +82,8 @@ inline magnetics::HallReading simulate_reading(const HallArrayConfiguration& arr
       field += axial_magnet_field(sensor.position - foreign.position, foreign.moment, 0);
     }
     for (Eigen::Index axis = 0; axis < num_axes; ++axis, ++channel) {
-      reading.field[channel] = sensor.response.row(axis).dot(field) +
-                               sensor.offset[static_cast<std::size_t>(axis)];
+      reading.field[channel] =
+          sensor.response.row(axis).dot(field) + sensor.offset[static_cast<std::size_t>(axis)];
       if (noise != nullptr) reading.field[channel] += array.noise * noise->normal();
     }
   }
