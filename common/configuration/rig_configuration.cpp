@@ -84,17 +84,16 @@ void RigConfiguration::check() const {
 
 RigConfiguration load_rig_configuration(const std::vector<std::string>& files,
                                         const std::vector<std::string>& settings) {
-  std::vector<YamlSource> sources;
-  for (const std::string& file : files) sources.push_back(load_yaml_file(file));
-  RigConfiguration configuration;
-  read_configuration(configuration, sources, settings);
-  return configuration;
+  return parse_rig_configuration("", "defaults", settings, files);
 }
 
 RigConfiguration parse_rig_configuration(const std::string& yaml, const std::string& name,
-                                         const std::vector<std::string>& settings) {
+                                         const std::vector<std::string>& settings,
+                                         const std::vector<std::string>& files) {
+  std::vector<YamlSource> sources = {parse_yaml(yaml, name)};
+  for (const std::string& file : files) sources.push_back(load_yaml_file(file));
   RigConfiguration configuration;
-  read_configuration(configuration, {parse_yaml(yaml, name)}, settings);
+  read_configuration(configuration, sources, settings);
   return configuration;
 }
 

@@ -269,8 +269,9 @@ struct RigConfiguration {
 // ConfigurationError.
 RigConfiguration load_rig_configuration(const std::vector<std::string>& files,
                                         const std::vector<std::string>& settings);
-// From the text that RIG_CONFIG carries.
+// From the text that RIG_CONFIG carries, then files and settings as above.
 RigConfiguration parse_rig_configuration(const std::string& yaml, const std::string& name,
-                                         const std::vector<std::string>& settings = {});
+                                         const std::vector<std::string>& settings = {},
+                                         const std::vector<std::string>& files = {});
 
 }  // namespace gastronaut

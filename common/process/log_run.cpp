@@ -34,16 +34,14 @@ std::optional<rig_config_t> find_rig_config(const std::string& path) {
 }
 
 RigConfiguration configuration_for(const LogRunOptions& options) {
-  if (!options.configuration_files.empty()) {
-    return load_rig_configuration(options.configuration_files, options.settings);
-  }
   const auto recorded = find_rig_config(options.log_in);
-  if (!recorded) {
+  if (!recorded && options.configuration_files.empty()) {
     throw ConfigurationError(options.log_in +
                              ": has no readable RIG_CONFIG; give the rig's file with --config");
   }
-  return parse_rig_configuration(recorded->yaml, options.log_in + " (RIG_CONFIG)",
-                                 options.settings);
+  return parse_rig_configuration(recorded ? recorded->yaml : "",
+                                 options.log_in + " (RIG_CONFIG)", options.settings,
+                                 options.configuration_files);
 }
 
 double quantile(const std::vector<double>& sorted, double q) {

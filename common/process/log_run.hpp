@@ -13,7 +13,7 @@ namespace gastronaut {
 struct LogRunOptions {
   std::string log_in;
   std::string log_out;
-  std::vector<std::string> configuration_files;  // empty: the log's own RIG_CONFIG
+  std::vector<std::string> configuration_files;  // laid over the log's own RIG_CONFIG, key by key
   std::vector<std::string> settings;
   bool keep_images = true;  // carry CAMERA along into log_out
 };

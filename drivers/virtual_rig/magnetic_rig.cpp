@@ -13,7 +13,7 @@ namespace gastronaut {
 namespace {
 
 double draw_moment(const VirtualRigScenario& scenario) {
-  const CounterRandom random(scenario.seed, stream_id(RandomStream::kMomentError));
+  const CounterRandom random(scenario.magnetics.rig_seed, stream_id(RandomStream::kMomentError));
   return scenario.rig.magnet.moment + scenario.magnetics.moment_error * random.normal(0);
 }
 
@@ -21,7 +21,8 @@ std::vector<HallSensorConfiguration> draw_sensors(const VirtualRigScenario& scen
   const MagneticsConfiguration& magnetics = scenario.magnetics;
   std::vector<HallSensorConfiguration> sensors = scenario.rig.hall_array.resolved_sensors();
   for (std::size_t i = 0; i < sensors.size(); ++i) {
-    const CounterRandom random(scenario.seed, stream_id(RandomStream::kSensorErrors, i));
+    const CounterRandom random(scenario.magnetics.rig_seed,
+                               stream_id(RandomStream::kSensorErrors, i));
     std::uint64_t n = 0;
     const Eigen::Vector3d turn(random.normal(n), random.normal(n + 1), random.normal(n + 2));
     n += 3;
@@ -57,7 +58,7 @@ MagneticRig::MagneticRig(const VirtualRigScenario& scenario)
         sensors_[i].response * coil_fields(coils, sensors_[i].position);
   }
   measured_matrix_ = true_matrix_;
-  const CounterRandom random(scenario.seed, stream_id(RandomStream::kMatrixError));
+  const CounterRandom random(scenario.magnetics.rig_seed, stream_id(RandomStream::kMatrixError));
   for (Eigen::Index n = 0; n < measured_matrix_.size(); ++n) {
     measured_matrix_(n) +=
         scenario.magnetics.matrix_error * random.normal(static_cast<std::uint64_t>(n));

@@ -168,6 +168,9 @@ struct CoilGeometryConfiguration {
 
 // What the true rig has and rig.hall_array, rig.magnet, rig.coils do not tell.
 struct MagneticsConfiguration {
+  // Draws what is built into the rig: sensor errors, the magnet's moment, the coil matrix. The same
+  // rig in every scenario, so that what is calibrated in one holds in the others.
+  std::uint64_t rig_seed = 1;
   Eigen::Vector3d background{1.9e-5, 4e-6, -4.4e-5};  // tesla, uniform
   // One sigma of the sensors' true errors; the configuration that goes out knows nothing of them.
   double gain_error = 0.005;
@@ -182,6 +185,7 @@ struct MagneticsConfiguration {
 
   template <class Visitor>
   void fields(Visitor& v) {
+    v("rig_seed", rig_seed);
     v("background", background, any(Dimension::kMagneticField));
     v("gain_error", gain_error, between(0, 0.2));
     v("alignment_error", alignment_error, between(0, 0.5, Dimension::kAngle));
