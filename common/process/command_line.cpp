@@ -23,7 +23,8 @@ const std::atomic<bool>& stop_requested() { return stop; }
 
 void add_configuration_options(CLI::App& app, std::vector<std::string>& files,
                                std::vector<std::string>& settings) {
-  app.add_option("--config", files, "rig configuration; later files override earlier ones (and a log's own)")
+  app.add_option("--config", files,
+                 "rig configuration; later files override earlier ones (and a log's own)")
       ->allow_extra_args(false)
       ->check(CLI::ExistingFile);
   app.add_option("--set", settings, "override one value, e.g. --set hall_array.noise=2uT")

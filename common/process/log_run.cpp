@@ -9,8 +9,8 @@
 #include "bus/log_file.hpp"
 #include "bus/memory_bus.hpp"
 #include "process/channels.hpp"
+#include "process/rig_config_message.hpp"
 #include "process/usage.hpp"
-#include "process/version.hpp"
 
 namespace gastronaut {
 namespace {
@@ -39,9 +39,8 @@ RigConfiguration configuration_for(const LogRunOptions& options) {
     throw ConfigurationError(options.log_in +
                              ": has no readable RIG_CONFIG; give the rig's file with --config");
   }
-  return parse_rig_configuration(recorded ? recorded->yaml : "",
-                                 options.log_in + " (RIG_CONFIG)", options.settings,
-                                 options.configuration_files);
+  return parse_rig_configuration(recorded ? recorded->yaml : "", options.log_in + " (RIG_CONFIG)",
+                                 options.settings, options.configuration_files);
 }
 
 double quantile(const std::vector<double>& sorted, double q) {
@@ -55,7 +54,6 @@ LogRunResult run_on_log(const std::vector<ProcessDescription>& descriptions,
                         const LogRunOptions& options, const std::function<void(double)>& progress) {
   const Clock::time_point start = Clock::now();
   const RigConfiguration configuration = configuration_for(options);
-  const std::string effective_yaml = write_configuration(configuration);
   LogReader reader(options.log_in);
   LogWriter writer(options.log_out);
   LogRunResult result;
@@ -82,12 +80,8 @@ LogRunResult run_on_log(const std::vector<ProcessDescription>& descriptions,
 
   bool configuration_written = false;
   const auto write_configuration_message = [&](std::int64_t utime) {
-    rig_config_t message;
-    message.utime = utime;
-    message.name = configuration.name;
-    message.yaml = effective_yaml;
-    message.code_version = code_version();
-    writer.write(channel::kRigConfig, encode_message(message), log_utime);
+    writer.write(channel::kRigConfig, encode_message(rig_config_message(configuration, utime)),
+                 log_utime);
     configuration_written = true;
   };
   std::optional<std::int64_t> first_log_utime;

@@ -11,13 +11,12 @@
 #include <gastronaut/depth_image_t.hpp>
 #include <gastronaut/hall_array_t.hpp>
 #include <gastronaut/image_t.hpp>
-#include <gastronaut/rig_config_t.hpp>
 #include <gastronaut/rigid_transform_t.hpp>
 
 #include "bus/wire.hpp"
 #include "numerics/counter_random.hpp"
 #include "process/channels.hpp"
-#include "process/version.hpp"
+#include "process/rig_config_message.hpp"
 #include "virtual_rig/camera_simulator.hpp"
 #include "virtual_rig/magnetic_rig.hpp"
 #include "virtual_rig/organ.hpp"
@@ -129,13 +128,8 @@ struct VirtualRigProcess::Rig {
   }
 
   void send_configuration(double time) {
-    const RigConfiguration published = magnetics.published_configuration();
-    rig_config_t message;
-    message.utime = utime(time);
-    message.name = published.name;
-    message.yaml = write_configuration(published);
-    message.code_version = code_version();
-    send(channel::kRigConfig, message, time);
+    send(channel::kRigConfig, rig_config_message(magnetics.published_configuration(), utime(time)),
+         time);
   }
 
   void send_currents(std::int64_t index, double time) {

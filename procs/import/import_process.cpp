@@ -14,7 +14,7 @@
 #include "process/channels.hpp"
 #include "process/command_line.hpp"
 #include "process/progress.hpp"
-#include "process/version.hpp"
+#include "process/rig_config_message.hpp"
 
 namespace gastronaut {
 namespace {
@@ -130,10 +130,7 @@ ImportCounts write_recording(Recording recording, const std::string& path, Issue
   const std::string depth_channel = recording.depth_kind == DepthKind::kGroundTruth
                                         ? channel::kGroundTruthDepth
                                         : channel::kDepth;
-  rig_config_t configuration{};
-  configuration.name = recording.rig.name;
-  configuration.yaml = write_configuration(recording.rig);
-  configuration.code_version = code_version();
+  rig_config_t configuration = rig_config_message(recording.rig, 0);
 
   // A merge of four sequences, each ascending by itself.
   Progress progress("frames");

@@ -52,14 +52,16 @@ MagneticLocalizerProcess::MagneticLocalizerProcess(Bus& bus, const RigConfigurat
 }
 
 void MagneticLocalizerProcess::handle_currents(const coil_currents_t& currents) {
-  if (currents.num_coils == num_coils_) {
-    currents_.add(
-        currents.utime,
-        Eigen::Map<const Eigen::VectorXf>(currents.current.data(), num_coils_).cast<double>());
-  } else {
+  const Eigen::VectorXd ampere =
+      Eigen::Map<const Eigen::VectorXf>(currents.current.data(), currents.num_coils).cast<double>();
+  if (currents.num_coils != num_coils_) {
     report_problem("COIL_CURRENTS has " + std::to_string(currents.num_coils) +
                    " coils, the configuration " + std::to_string(num_coils_) +
                    ": load the configuration of this rig");
+  } else if (!ampere.allFinite()) {
+    report_problem("COIL_CURRENTS holds currents that are not numbers: check the coil driver");
+  } else {
+    currents_.add(currents.utime, ampere);
   }
   localize_ready_readings();
 }

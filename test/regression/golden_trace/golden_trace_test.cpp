@@ -53,7 +53,8 @@ struct Trace {
 Trace replay_golden_trace() {
   LogRunOptions options;
   options.log_in = (kFolder / "raw.lcmlog").string();
-  options.log_out = (std::filesystem::path(::testing::TempDir()) / "golden_derived.lcmlog").string();
+  options.log_out =
+      (std::filesystem::path(::testing::TempDir()) / "golden_derived.lcmlog").string();
   run_on_log(all_processes(), options, {});
   Trace trace;
   LogReader reader(options.log_out);

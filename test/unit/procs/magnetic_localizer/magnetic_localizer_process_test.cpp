@@ -209,6 +209,20 @@ TEST_F(MagneticLocalizerProcessTest, UndefinedReadingsDoNoHarm) {
   expect_truth(poses_[1]);
 }
 
+TEST_F(MagneticLocalizerProcessTest, UndefinedCurrentsAreBridgedLikeMissingOnes) {
+  add_coils();
+  start();
+  const Eigen::Vector2d amperes(2, 1);
+  inject(channel::kCoilCurrents, currents(kPeriod, amperes));
+  inject(channel::kCoilCurrents,
+         currents(2 * kPeriod, {std::numeric_limits<double>::quiet_NaN(), 1}));
+  inject(channel::kCoilCurrents, currents(3 * kPeriod, amperes));
+  inject(channel::kHallArray, hall(2, amperes));
+  end();
+  ASSERT_EQ(poses_.size(), 1U);
+  expect_truth(poses_[0]);
+}
+
 TEST_F(MagneticLocalizerProcessTest, SecondDifferencesOnScatteredSensorsAreRefused) {
   rig_.magnetic_localizer.estimator = MagneticEstimator::kSecondDifference;
   rig_.hall_array.sensors = rig_.hall_array.resolved_sensors();

@@ -314,7 +314,12 @@ TEST_P(FaultyReadings, MissingCurrentsAreSaidAndNeverPassForAGoodFix) {
 
 INSTANTIATE_TEST_SUITE_P(Estimators, FaultyReadings,
                          ::testing::Values(MagneticEstimator::kFullField,
-                                           MagneticEstimator::kSecondDifference));
+                                           MagneticEstimator::kSecondDifference),
+                         [](const auto& test) {
+                           return std::string(test.param == MagneticEstimator::kFullField
+                                                  ? "FullField"
+                                                  : "SecondDifference");
+                         });
 
 TEST(MagneticLocalizer, AFixDependsOnItsReadingAloneNotOnTheOneBefore) {
   // Of the standard deviation: the noise is weighed with the field expected from the fix before.
