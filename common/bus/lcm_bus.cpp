@@ -39,22 +39,25 @@ LcmBus::~LcmBus() {
 }
 
 void LcmBus::listen(const std::string& channel) {
-  lcm::Subscription* subscription = lcm_.subscribe(channel, &LcmBus::on_message, this);
+  // Through the C interface: the C++ one's subscriptions fail UndefinedBehaviorSanitizer.
+  lcm_subscription_t* subscription =
+      lcm_subscribe(lcm_.getUnderlyingLCM(), channel.c_str(), &LcmBus::on_message, this);
   if (subscription == nullptr) throw std::runtime_error("LCM cannot subscribe to " + channel);
-  subscription->setQueueCapacity(kLibraryQueue);
+  lcm_subscription_set_queue_capacity(subscription, kLibraryQueue);
 }
 
-void LcmBus::on_message(const lcm::ReceiveBuffer* buffer, const std::string& channel) {
+void LcmBus::on_message(const lcm_recv_buf_t* buffer, const char* channel, void* context) {
+  auto& bus = *static_cast<LcmBus*>(context);
   const auto* bytes = static_cast<const std::uint8_t*>(buffer->data);
   // An exception must not pass through the C library; out of memory here loses one message.
   try {
     std::vector<std::uint8_t> payload(bytes, bytes + buffer->data_size);
-    const std::lock_guard lock(mutex_);
-    inbox_.emplace_back(channel, std::move(payload));
+    const std::lock_guard lock(bus.mutex_);
+    bus.inbox_.emplace_back(channel, std::move(payload));
   } catch (const std::bad_alloc&) {
     return;
   }
-  arrived_.notify_one();
+  bus.arrived_.notify_one();
 }
 
 void LcmBus::receive_loop() {

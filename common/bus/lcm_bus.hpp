@@ -55,7 +55,7 @@ class LcmBus : public Bus {
   void send(const std::string& channel, std::vector<std::uint8_t> payload,
             std::int64_t utime) override;
   void listen(const std::string& channel) override;
-  void on_message(const lcm::ReceiveBuffer* buffer, const std::string& channel);
+  static void on_message(const lcm_recv_buf_t* buffer, const char* channel, void* bus);
   void receive_loop();
   bool take_inbox();
 
