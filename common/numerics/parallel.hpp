@@ -2,12 +2,10 @@
 // into chunks of a fixed size, and partial results are joined in the order of the chunks.
 #pragma once
 
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
 #include <algorithm>
-#include <atomic>
 #include <cstddef>
+#include <functional>
+#include <utility>
 #include <vector>
 
 namespace gastronaut {
@@ -15,7 +13,8 @@ namespace gastronaut {
 // Threads used by the loops below, for the whole program; 0 (the default): one a core.
 // Call it before the loops start.
 void set_thread_count(int threads);
-tbb::task_arena& thread_arena();
+// run(chunk) for each chunk in [0, chunks), on any thread, in any order.
+void run_chunks(std::size_t chunks, const std::function<void(std::size_t)>& run);
 
 // body(begin, end) over [0, count) in chunks of at most chunk_size. Chunks must be independent.
 template <class Body>
@@ -25,18 +24,10 @@ void parallel_for_chunks(std::size_t count, std::size_t chunk_size, const Body& 
     if (count > 0) body(std::size_t{0}, count);
     return;
   }
-  // TBB orders the chunks after what came before and before what comes after, but its library is
-  // not instrumented: ThreadSanitizer sees that order through this counter alone.
-  std::atomic<std::size_t> finished{0};
-  thread_arena().execute([&] {
-    tbb::parallel_for(std::size_t{0}, chunks, [&](std::size_t chunk) {
-      finished.load(std::memory_order_acquire);
-      const std::size_t begin = chunk * chunk_size;
-      body(begin, std::min(begin + chunk_size, count));
-      finished.fetch_add(1, std::memory_order_release);
-    });
+  run_chunks(chunks, [&](std::size_t chunk) {
+    const std::size_t begin = chunk * chunk_size;
+    body(begin, std::min(begin + chunk_size, count));
   });
-  finished.load(std::memory_order_acquire);
 }
 
 // join(...join(join(initial, r_0), r_1)..., r_n) with r_k = body(begin_k, end_k) of chunk k.
