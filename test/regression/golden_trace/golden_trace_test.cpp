@@ -53,8 +53,9 @@ struct Trace {
 Trace replay_golden_trace() {
   LogRunOptions options;
   options.log_in = (kFolder / "raw.lcmlog").string();
-  options.log_out =
-      (std::filesystem::path(::testing::TempDir()) / "golden_derived.lcmlog").string();
+  // A name of its own: ctest runs the tests of a program side by side.
+  options.log_out = ::testing::TempDir() + "golden_trace_" +
+                    ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".lcmlog";
   run_on_log(all_processes(), options, {});
   Trace trace;
   LogReader reader(options.log_out);
