@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <fstream>
 
@@ -13,7 +14,8 @@ namespace {
 using testing::HasSubstr;
 
 std::string file_with(const std::string& text) {
-  const std::string path = testing::TempDir() + "/evaluate_trajectory_file_test.txt";
+  const std::string path =
+      testing::TempDir() + "/evaluate_trajectory_" + std::to_string(getpid()) + ".txt";
   std::ofstream(path) << text;
   return path;
 }
