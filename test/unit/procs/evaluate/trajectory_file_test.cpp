@@ -15,7 +15,7 @@ using testing::HasSubstr;
 
 std::string file_with(const std::string& text) {
   const std::string path =
-      testing::TempDir() + "/evaluate_trajectory_" + std::to_string(getpid()) + ".txt";
+      testing::TempDir() + "/evaluate_trajectory_" + std::to_string(getpid()) + "_test.txt";
   std::ofstream(path) << text;
   return path;
 }
