@@ -1,5 +1,6 @@
 #include "configuration/rig_configuration.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace gastronaut {
@@ -25,7 +26,17 @@ CameraIntrinsics CameraConfiguration::intrinsics() const {
   return {width, height, fx, fy, cx, cy, model, distortion};
 }
 
-void CameraConfiguration::check() const { CameraModel{intrinsics()}; }
+void CameraConfiguration::check() const {
+  CameraModel{intrinsics()};
+  if (response.empty()) return;
+  if (response.size() < 2 || response.front() != 0 || response.back() != 1) {
+    throw std::invalid_argument("response must be two or more numbers from 0 (first) to 1 (last)");
+  }
+  for (std::size_t i = 1; i < response.size(); ++i) {
+    if (response[i] > response[i - 1]) continue;
+    throw std::invalid_argument("response must grow from each number to the next");
+  }
+}
 
 void MagnetConfiguration::check() const {
   if (inner_radius > 0 && inner_radius >= outer_radius) {
@@ -68,6 +79,22 @@ void HallArrayConfiguration::check() const {
       throw std::invalid_argument(who + ".offset must have num_axes = " + std::to_string(num_axes) +
                                   " numbers");
     }
+  }
+}
+
+void DepthEstimatorConfiguration::check() const {
+  const auto is_albedo = [](double value) { return value > 0 && value <= 1; };
+  if (albedo.size() != 3 || !std::all_of(albedo.begin(), albedo.end(), is_albedo)) {
+    throw std::invalid_argument("albedo must be three numbers (red, green, blue) above 0, up to 1");
+  }
+  if (min_depth >= max_depth) throw std::invalid_argument("min_depth must be below max_depth");
+  constexpr double kFinestScale = 0.7;
+  constexpr double kCoarsestScale = 64;
+  const auto is_scale = [](double value) {
+    return value >= kFinestScale && value <= kCoarsestScale;
+  };
+  if (vessel_scales.empty() || !std::all_of(vessel_scales.begin(), vessel_scales.end(), is_scale)) {
+    throw std::invalid_argument("vessel_scales must be one or more pixels between 0.7 and 64");
   }
 }
 

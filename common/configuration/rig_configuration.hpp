@@ -41,6 +41,9 @@ struct CameraConfiguration {
   // Linear light L = exposure_gain * cos^vignetting_cos_power(ray) * sum over lights of
   // led_intensity cos^lobe / r^2 * albedo * cos(normal, light); the pixel is 255 L^(1/gamma).
   double gamma = 2.2;
+  // As `calibrate light` measures it: L at equally spaced levels, the first 0 (level 0), the last 1
+  // (level 255), straight in between. Empty: gamma.
+  std::vector<double> response;
   double exposure_gain = 1;
   double led_intensity = 2.2e-4;  // square metres: unit albedo at distance d gives this / d^2
   double vignetting_cos_power = 1;
@@ -67,6 +70,7 @@ struct CameraConfiguration {
     v("distortion", distortion);
     v("rate", rate, positive(Dimension::kFrequency));
     v("gamma", gamma, between(0.2, 5));
+    v("response", response);
     v("exposure_gain", exposure_gain, positive());
     v("led_intensity", led_intensity, positive());
     v("vignetting_cos_power", vignetting_cos_power, not_negative());
@@ -222,6 +226,37 @@ struct MagneticLocalizerConfiguration {
   }
 };
 
+struct DepthEstimatorConfiguration {
+  // DEPTH's grid is the picture's over the smallest whole number that makes it no wider than this.
+  int max_width = 320;  // pixels
+  // Mean albedo of tissue in red, green and blue. camera.led_intensity times this is what
+  // `calibrate light` measures, so one of the two is a convention.
+  std::vector<double> albedo = {0.785, 0.444, 0.368};
+  double albedo_std = 0.08;  // relative variation of the albedo over the wall, one sigma
+  // Relative, one sigma: exposure under auto-exposure when the pictures do not carry their gain.
+  double unknown_gain_std = 0.3;
+  double min_depth = 0.004;  // metres
+  double max_depth = 0.15;
+  // Shape from shading: curvature below 1 / this costs less than an error of data_std does.
+  double curvature_radius = 0.002;  // metres
+  double data_std = 0.05;           // of ln(light): noise and small patterns of the albedo
+  std::vector<double> vessel_scales = {1, 1.6, 2.5, 4, 6};  // pixels, one sigma of the Gaussian
+
+  void check() const;
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("max_width", max_width, between(16, 4096));
+    v("albedo", albedo);
+    v("albedo_std", albedo_std, positive());
+    v("unknown_gain_std", unknown_gain_std, positive());
+    v("min_depth", min_depth, positive(Dimension::kLength));
+    v("max_depth", max_depth, positive(Dimension::kLength));
+    v("curvature_radius", curvature_radius, positive(Dimension::kLength));
+    v("data_std", data_std, positive());
+    v("vessel_scales", vessel_scales);
+  }
+};
+
 // How long an input may lag behind in event time before it counts as silent (architecture.md).
 struct LagConfiguration {
   double camera = 0.5;  // seconds
@@ -248,6 +283,7 @@ struct RigConfiguration {
   CoilsConfiguration coils;
   LagConfiguration lag;
   MagneticLocalizerConfiguration magnetic_localizer;
+  DepthEstimatorConfiguration depth_estimator;
 
   // Throws std::invalid_argument where sections contradict each other.
   void check() const;
@@ -262,6 +298,7 @@ struct RigConfiguration {
     v.section("coils", coils);
     v.section("lag", lag);
     v.section("magnetic_localizer", magnetic_localizer);
+    v.section("depth_estimator", depth_estimator);
   }
 };
 

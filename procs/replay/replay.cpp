@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "depth_estimator/depth_estimator_process.hpp"
 #include "magnetic_localizer/magnetic_localizer_process.hpp"
 #include "numerics/parallel.hpp"
 #include "process/command_line.hpp"
@@ -58,7 +59,9 @@ void print_summary(const LogRunOptions& options, const LogRunResult& result) {
 
 }  // namespace
 
-std::vector<ProcessDescription> all_processes() { return {magnetic_localizer_process()}; }
+std::vector<ProcessDescription> all_processes() {
+  return {magnetic_localizer_process(), depth_estimator_process()};
+}
 
 std::vector<ProcessDescription> select_processes(const std::string& only) {
   const std::vector<ProcessDescription> all = all_processes();

@@ -1,0 +1,126 @@
+#include "depth_estimator/depth_estimator.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "numerics/parallel.hpp"
+
+namespace gastronaut::perception {
+namespace {
+
+// Where the shading model leaves more than this unexplained (root mean square of ln light over the
+// window), the wall folds over, is in shadow or ends, and the depth is no better than a guess.
+constexpr float kLargestUnexplained = 0.15F;
+// Of the depth: what one shading leaves open of the shape, measured on the virtual rig's stomachs.
+constexpr double kShapeStd = 0.035;
+constexpr float kLargestSingle = 1;  // single residuals count as no more than this
+constexpr float kLeastDataInWindow = 0.25F;
+constexpr int kWindow = 4;  // pixels to each side
+
+int picture_pixels_per_grid_pixel(const RigConfiguration& configuration) {
+  const int most = configuration.depth_estimator.max_width;
+  return (configuration.camera.width + most - 1) / most;
+}
+
+DepthGrid picture_grid(const CameraConfiguration& camera) {
+  return {camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy};
+}
+
+DepthGrid depth_grid(const RigConfiguration& configuration) {
+  return picture_grid(configuration.camera).coarser(picture_pixels_per_grid_pixel(configuration));
+}
+
+// Sums over the window around each pixel, what lies beyond the border being zero.
+void sum_over_window(Plane<float>& plane) {
+  std::vector<float> line(static_cast<std::size_t>(std::max(plane.width, plane.height)));
+  const auto run = [&](float* values, int count, int stride) {
+    for (int i = 0; i < count; ++i) line[static_cast<std::size_t>(i)] = values[i * stride];
+    for (int i = 0; i < count; ++i) {
+      float sum = 0;
+      const int last = std::min(count - 1, i + kWindow);
+      for (int k = std::max(0, i - kWindow); k <= last; ++k) {
+        sum += line[static_cast<std::size_t>(k)];
+      }
+      values[i * stride] = sum;
+    }
+  };
+  for (int v = 0; v < plane.height; ++v) run(plane.row(v), plane.width, 1);
+  for (int u = 0; u < plane.width; ++u) run(plane.row(0) + u, plane.height, plane.width);
+}
+
+}  // namespace
+
+DepthEstimator::DepthEstimator(const RigConfiguration& configuration)
+    : configuration_(configuration),
+      front_end_(configuration.camera),
+      vessel_filter_(configuration.camera.width, configuration.camera.height,
+                     VesselFilterOptions{.scales = configuration.depth_estimator.vessel_scales}),
+      light_divider_(configuration, depth_grid(configuration),
+                     picture_pixels_per_grid_pixel(configuration)),
+      shape_from_shading_(depth_grid(configuration), configuration.lights,
+                          configuration.depth_estimator) {
+  perception_.grid = depth_grid(configuration);
+}
+
+// A picture's way: linear light, vessels, shading, shape, and the albedo that is left.
+const Perception& DepthEstimator::estimate(const EncodedPicture& picture,
+                                           std::optional<double> gain) {
+  const std::string failure = front_end_.process(picture, light_);
+  if (!failure.empty()) return refuse(failure);
+  vessel_filter_.apply(light_.green_level, vessels_);
+  light_divider_.shade(light_, gain.value_or(1), shading_);
+  std::optional<Shape> shape = shape_from_shading_.solve(shading_);
+  if (!shape) return refuse("too few lit pixels: the lens is covered or looks into the dark");
+  light_divider_.divide(light_, gain.value_or(1), shape->log_shading, vessels_, perception_.albedo);
+  perception_.failure.clear();
+  perception_.quality = light_.quality;
+  perception_.relative_std = relative_std(gain.has_value());
+  perception_.depth = std::move(shape->depth);
+  drop_unexplained(shape->log_shading);
+  perception_.vessels = Plane<std::uint8_t>(vessels_.width, vessels_.height);
+  std::transform(vessels_.values.begin(), vessels_.values.end(), perception_.vessels.values.begin(),
+                 [](float response) { return static_cast<std::uint8_t>(255 * response + 0.5F); });
+  return perception_;
+}
+
+const Perception& DepthEstimator::refuse(const std::string& failure) {
+  perception_.failure = failure;
+  perception_.quality = {};
+  perception_.relative_std = 0;
+  for (Plane<std::uint8_t>* plane : {&perception_.albedo, &perception_.vessels}) {
+    std::fill(plane->values.begin(), plane->values.end(), std::uint8_t{0});
+  }
+  std::fill(perception_.depth.values.begin(), perception_.depth.values.end(), 0.0F);
+  return perception_;
+}
+
+// Depth goes with the square root of light over albedo.
+double DepthEstimator::relative_std(bool gain_known) const {
+  const DepthEstimatorConfiguration& options = configuration_.depth_estimator;
+  const double gain_std = gain_known ? 0 : options.unknown_gain_std;
+  return std::hypot(std::hypot(options.albedo_std, gain_std) / 2, kShapeStd);
+}
+
+void DepthEstimator::drop_unexplained(const Plane<float>& log_shading) {
+  Plane<float> data(log_shading.width, log_shading.height);
+  Plane<float> unexplained(log_shading.width, log_shading.height);
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    if (shading_.inverse_variance.values[i] == 0) continue;
+    const float error = std::clamp(shading_.log_light.values[i] - log_shading.values[i],
+                                   -kLargestSingle, kLargestSingle);
+    data.values[i] = 1;
+    unexplained.values[i] = error * error;
+  }
+  sum_over_window(data);
+  sum_over_window(unexplained);
+  constexpr float kPixelsInWindow = (2 * kWindow + 1) * (2 * kWindow + 1);
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    const float count = data.values[i];
+    if (count < kLeastDataInWindow * kPixelsInWindow ||
+        unexplained.values[i] > kLargestUnexplained * kLargestUnexplained * count) {
+      perception_.depth.values[i] = 0;
+    }
+  }
+}
+
+}  // namespace gastronaut::perception

@@ -1,0 +1,53 @@
+// What one picture says: metric depth, the wall's albedo with its vessels enhanced, the vessels,
+// and how good the picture is.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "configuration/rig_configuration.hpp"
+#include "depth_estimator/front_end.hpp"
+#include "depth_estimator/shading.hpp"
+#include "depth_estimator/shape_from_shading.hpp"
+#include "depth_estimator/vessel_filter.hpp"
+
+namespace gastronaut::perception {
+
+struct Perception {
+  std::string failure;          // why the picture could not be used; empty: it could
+  DepthGrid grid;               // of depth
+  Plane<float> depth;           // metres along the optical axis; 0: none
+  double relative_std = 0;      // one sigma of depth as a fraction of it, its common scale included
+  Plane<std::uint8_t> albedo;   // see LightDivider::divide; the undistorted picture's pixels
+  Plane<std::uint8_t> vessels;  // vessel response, 255 = 1; as albedo
+  // All planes are zero where the picture could not be used, empty before the first that could.
+  PictureQuality quality;
+};
+
+class DepthEstimator {
+ public:
+  explicit DepthEstimator(const RigConfiguration& configuration);
+
+  // `gain` multiplies camera.exposure_gain; none: the camera does not tell. The result stays valid
+  // until the next call. A picture that cannot be used leaves nothing behind for the next one.
+  const Perception& estimate(const EncodedPicture& picture, std::optional<double> gain);
+  // The same for a picture that is refused before it is looked at.
+  const Perception& refuse(const std::string& failure);
+
+ private:
+  double relative_std(bool gain_known) const;
+  void drop_unexplained(const Plane<float>& log_shading);
+
+  RigConfiguration configuration_;
+  FrontEnd front_end_;
+  VesselFilter vessel_filter_;
+  LightDivider light_divider_;
+  ShapeFromShading shape_from_shading_;
+  LinearPicture light_;
+  Plane<float> vessels_;
+  Shading shading_;
+  Perception perception_;
+};
+
+}  // namespace gastronaut::perception

@@ -1,0 +1,196 @@
+#include "depth_estimator/front_end.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "camera/camera_model.hpp"
+#include "numerics/parallel.hpp"
+#include "photometry/camera_response.hpp"
+
+namespace gastronaut::perception {
+namespace {
+
+constexpr int kRowsPerChunk = 16;
+// Levels from here on count as saturated: JPEG rings by a few levels around what was clipped.
+constexpr int kSaturatedLevel = 248;
+constexpr int kDarkLevel = 10;  // all channels below: no light came back
+// A picture that is dark, or saturated in all channels, in more of its pixels than this shows
+// nothing.
+constexpr double kAllButAll = 0.98;
+
+template <class Body>
+void for_row_chunks(int height, const Body& body) {
+  parallel_for_chunks(static_cast<std::size_t>(height), kRowsPerChunk,
+                      [&](std::size_t begin, std::size_t end) {
+                        body(static_cast<int>(begin), static_cast<int>(end));
+                      });
+}
+
+// Energy of differences over 2 and over 8 pixels along one direction.
+struct DifferenceEnergy {
+  double fine = 0;
+  double coarse = 0;
+  double ratio() const { return coarse > 0 ? std::sqrt(fine / coarse) : 0; }
+};
+
+// Every other row and column is enough for a mean. `step_u`, `step_v`: one pixel along.
+DifferenceEnergy difference_energy(const Plane<float>& level, const Plane<std::uint8_t>& flags,
+                                   int step_u, int step_v) {
+  constexpr int kReach = 4;
+  DifferenceEnergy energy;
+  for (int v = kReach * step_v; v < level.height - kReach * step_v; v += 2) {
+    for (int u = kReach * step_u; u < level.width - kReach * step_u; u += 2) {
+      const auto flag = [&](int steps) { return flags.at(u + steps * step_u, v + steps * step_v); };
+      if (((flag(-kReach) | flag(0) | flag(kReach)) & (kOutside | kHighlight)) != 0) continue;
+      const auto difference = [&](int reach) {
+        return static_cast<double>(level.at(u + reach * step_u, v + reach * step_v) -
+                                   level.at(u - reach * step_u, v - reach * step_v));
+      };
+      energy.fine += difference(1) * difference(1);
+      energy.coarse += difference(kReach) * difference(kReach);
+    }
+  }
+  return energy;
+}
+
+}  // namespace
+
+FrontEnd::FrontEnd(const CameraConfiguration& camera)
+    : width_(camera.width),
+      height_(camera.height),
+      decoder_(camera.width, camera.height),
+      light_of_level_(linear_light_of_levels(camera)),
+      outside_(camera.width, camera.height),
+      whiteness_(camera.width, camera.height) {
+  // Our own loops share out the rows (--threads); OpenCV's would start threads inside them.
+  cv::setNumThreads(1);
+  make_maps(camera);
+}
+
+void FrontEnd::make_maps(const CameraConfiguration& camera) {
+  const CameraModel lens(camera.intrinsics());
+  cv::Mat map_u(height_, width_, CV_32F);
+  cv::Mat map_v(height_, width_, CV_32F);
+  for (int v = 0; v < height_; ++v) {
+    for (int u = 0; u < width_; ++u) {
+      const auto pixel =
+          lens.project({(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1});
+      const bool inside = pixel && pixel->x() >= 0 && pixel->y() >= 0 && pixel->x() <= width_ - 1 &&
+                          pixel->y() <= height_ - 1;
+      outside_.at(u, v) = inside ? 0 : kOutside;
+      map_u.at<float>(v, u) = inside ? static_cast<float>(pixel->x()) : 0;
+      map_v.at<float>(v, u) = inside ? static_cast<float>(pixel->y()) : 0;
+      constexpr double kNoShift = 1e-3;  // pixels
+      if (!inside || std::hypot(pixel->x() - u, pixel->y() - v) > kNoShift) distorted_ = true;
+    }
+  }
+  if (distorted_) cv::convertMaps(map_u, map_v, map_, map_fraction_, CV_16SC2);
+}
+
+std::string FrontEnd::process(const EncodedPicture& encoded, LinearPicture& picture) {
+  std::string failure = decoder_.decode(encoded, decoded_);
+  if (!failure.empty()) return failure;
+  undistort();
+  develop(picture);
+  return judge(picture);
+}
+
+// Levels are interpolated before they are made linear: between neighbours that differ by a tenth of
+// full scale that is wrong by under half a per cent of it.
+void FrontEnd::undistort() {
+  if (!distorted_) {
+    undistorted_.swap(decoded_);
+    return;
+  }
+  undistorted_.resize(decoded_.size());
+  const cv::Mat from(height_, width_, CV_8UC3, decoded_.data());
+  cv::Mat to(height_, width_, CV_8UC3, undistorted_.data());
+  for_row_chunks(height_, [&](int begin, int end) {
+    cv::Mat rows = to.rowRange(begin, end);
+    cv::remap(from, rows, map_.rowRange(begin, end), map_fraction_.rowRange(begin, end),
+              cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  });
+}
+
+void FrontEnd::develop(LinearPicture& picture) {
+  if (!picture.flags.same_size(width_, height_)) {
+    for (Plane<float>& light : picture.light) light = Plane<float>(width_, height_);
+    picture.green_level = Plane<float>(width_, height_);
+    picture.flags = Plane<std::uint8_t>(width_, height_);
+  }
+  for_row_chunks(height_, [&](int begin, int end) {
+    for (int v = begin; v < end; ++v) {
+      const std::uint8_t* rgb = undistorted_.data() + 3 * static_cast<std::ptrdiff_t>(v) * width_;
+      std::uint8_t* white = whiteness_.row(v);
+      for (int u = 0; u < width_; ++u) {
+        white[u] = std::min({rgb[3 * u], rgb[3 * u + 1], rgb[3 * u + 2]});
+      }
+    }
+  });
+  find_highlights(whiteness_, highlights_);
+  for_row_chunks(height_, [&](int begin, int end) {
+    for (int v = begin; v < end; ++v) {
+      const std::uint8_t* rgb = undistorted_.data() + 3 * static_cast<std::ptrdiff_t>(v) * width_;
+      const std::uint8_t* outside = outside_.row(v);
+      const std::uint8_t* highlight = highlights_.row(v);
+      float* red = picture.light[0].row(v);
+      float* green = picture.light[1].row(v);
+      float* blue = picture.light[2].row(v);
+      float* level = picture.green_level.row(v);
+      std::uint8_t* flags = picture.flags.row(v);
+      for (int u = 0; u < width_; ++u) {
+        const std::uint8_t r = rgb[3 * u];
+        const std::uint8_t g = rgb[3 * u + 1];
+        const std::uint8_t b = rgb[3 * u + 2];
+        red[u] = light_of_level_[r];
+        green[u] = light_of_level_[g];
+        blue[u] = light_of_level_[b];
+        level[u] = static_cast<float>(g) / 255;
+        flags[u] = static_cast<std::uint8_t>(outside[u] | (highlight[u] != 0 ? kHighlight : 0) |
+                                             (r >= kSaturatedLevel ? kRedSaturated : 0) |
+                                             (g >= kSaturatedLevel ? kGreenSaturated : 0) |
+                                             (b >= kSaturatedLevel ? kBlueSaturated : 0));
+      }
+    }
+  });
+  filler_.fill(highlights_, picture.green_level);
+}
+
+std::string FrontEnd::judge(LinearPicture& picture) const {
+  constexpr int kAllSaturated = kRedSaturated | kGreenSaturated | kBlueSaturated;
+  std::size_t inside = 0;
+  std::size_t saturated = 0;
+  std::size_t white = 0;
+  std::size_t dark = 0;
+  std::size_t highlight = 0;
+  double level = 0;
+  for (std::size_t i = 0; i < picture.flags.size(); ++i) {
+    const int flags = picture.flags.values[i];
+    if ((flags & kOutside) != 0) continue;
+    ++inside;
+    if ((flags & kAllSaturated) != 0) ++saturated;
+    if ((flags & kAllSaturated) == kAllSaturated) ++white;
+    if ((flags & kHighlight) != 0) ++highlight;
+    const std::uint8_t* rgb = undistorted_.data() + 3 * i;
+    if (std::max({rgb[0], rgb[1], rgb[2]}) < kDarkLevel) ++dark;
+    level += rgb[1];
+  }
+  const auto fraction = [&](std::size_t count) {
+    return static_cast<double>(count) / static_cast<double>(std::max<std::size_t>(inside, 1));
+  };
+  picture.quality.mean_level = level / 255 / static_cast<double>(std::max<std::size_t>(inside, 1));
+  picture.quality.saturated_fraction = fraction(saturated);
+  picture.quality.dark_fraction = fraction(dark);
+  picture.quality.highlight_fraction = fraction(highlight);
+  picture.quality.sharpness =
+      std::min(difference_energy(picture.green_level, picture.flags, 1, 0).ratio(),
+               difference_energy(picture.green_level, picture.flags, 0, 1).ratio());
+  if (fraction(dark) > kAllButAll) return "black picture: the lamp is off, or the lens is covered";
+  if (fraction(white) > kAllButAll) return "white picture: exposed too long, or against the wall";
+  return "";
+}
+
+}  // namespace gastronaut::perception
