@@ -80,7 +80,18 @@ void cut_open(const OrganConfiguration& organ, TriangleMesh& mesh) {
   mesh.vertices = std::move(kept.vertices);
 }
 
+// A card is as plain as a card is, whatever is said of tissue.
+OrganConfiguration without_tissue(OrganConfiguration organ) {
+  if (organ.shape != OrganShapeKind::kCard) return organ;
+  organ.folds = 0;
+  organ.bump_height = organ.vessels = organ.mucus = organ.variation = 0;
+  organ.peristalsis.amplitude = 0;
+  organ.opened = false;
+  return organ;
+}
+
 OrganShape make_shape(const OrganConfiguration& organ) {
+  if (organ.shape == OrganShapeKind::kCard) return flat_card(organ);
   return organ.mesh.empty() ? procedural_stomach(organ) : organ_from_file(organ);
 }
 
@@ -96,7 +107,7 @@ void compute_normals(TriangleMesh& mesh) {
   for (Eigen::Vector3f& normal : mesh.normals) normal.normalize();
 }
 
-Organ::Organ(const OrganConfiguration& organ) : Organ(organ, make_shape(organ)) {}
+Organ::Organ(const OrganConfiguration& organ) : Organ(without_tissue(organ), make_shape(organ)) {}
 
 Organ::Organ(const OrganConfiguration& organ, OrganShape shape)
     : organ_(organ), centreline_(std::move(shape.centreline)), rest_(std::move(shape.mesh)) {

@@ -135,4 +135,27 @@ OrganShape procedural_stomach(const OrganConfiguration& organ) {
   return {std::move(mesh), axis};
 }
 
+OrganShape flat_card(const OrganConfiguration& organ) {
+  const auto cols = static_cast<std::uint32_t>(std::ceil(organ.width / organ.edge));
+  const auto rows = static_cast<std::uint32_t>(std::ceil(organ.height / organ.edge));
+  TriangleMesh mesh;
+  for (std::uint32_t row = 0; row <= rows; ++row) {
+    for (std::uint32_t col = 0; col <= cols; ++col) {
+      mesh.vertices.emplace_back(organ.width * (static_cast<double>(col) / cols - 0.5),
+                                 organ.height * (static_cast<double>(row) / rows - 0.5), 0);
+      if (row == rows || col == cols) continue;
+      const std::uint32_t corner = row * (cols + 1) + col;
+      const std::uint32_t above = corner + cols + 1;
+      mesh.triangles.push_back({corner, corner + 1, above + 1});
+      mesh.triangles.push_back({corner, above + 1, above});
+    }
+  }
+  compute_normals(mesh);
+  std::vector<Eigen::Vector3d> axis;
+  for (std::size_t i = 0; i < kAxisPoints; ++i) {
+    axis.emplace_back(organ.width * (static_cast<double>(i) / (kAxisPoints - 1) - 0.5), 0, 0);
+  }
+  return {std::move(mesh), Centreline(std::move(axis), [](std::size_t, double) { return 0.0; })};
+}
+
 }  // namespace gastronaut

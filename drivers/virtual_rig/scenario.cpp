@@ -24,6 +24,7 @@ void TrajectoryConfiguration::check() const {
   if (returns && swings != std::floor(swings)) {
     throw std::invalid_argument("swings must be a whole number for a tour that returns");
   }
+  if (nearest > furthest) throw std::invalid_argument("nearest must not be beyond furthest");
 }
 
 void CoilGeometryConfiguration::check() const {

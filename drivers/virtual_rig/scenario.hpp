@@ -27,12 +27,20 @@ struct PeristalsisConfiguration {
   }
 };
 
-// A bent tube with closed ends, or a mesh from a file; folds, vessels and mucus in either case.
+enum class OrganShapeKind {
+  kStomach,  // a bent tube with closed ends, or a mesh from a file, with folds
+  kCard,     // a flat matte card of one albedo in the rig's plane z = 0, facing up: what the light
+             // is calibrated with
+};
+
+// A stomach or a mesh from a file; folds, vessels and mucus in either case. Or a plain card.
 struct OrganConfiguration {
+  OrganShapeKind shape = OrganShapeKind::kStomach;
   std::string mesh;  // VTK legacy PolyData in millimetres; empty: the procedural stomach
   double mesh_scale = 1;
   std::uint64_t seed = 0;  // shape and texture; the scenario's seed draws everything else
   double edge = 0.0006;    // metres, typical edge of a triangle
+  // A card is width x height, and what only tissue has is not looked at.
   // The procedural stomach: arc length of its axis, turn of the axis between its ends, largest
   // cross-section (horizontal, vertical), and by how much the far end is narrower than the near.
   double length = 0.145;
@@ -55,6 +63,9 @@ struct OrganConfiguration {
 
   template <class Visitor>
   void fields(Visitor& v) {
+    v("shape", shape,
+      std::vector<Choice<OrganShapeKind>>{{"stomach", OrganShapeKind::kStomach},
+                                          {"card", OrganShapeKind::kCard}});
     v("mesh", mesh);
     v("mesh_scale", mesh_scale, positive());
     v("seed", seed);
@@ -82,6 +93,7 @@ enum class TrajectoryKind {
   kStatic,            // where a tour begins
   kAbsent,            // no capsule: coils and background alone
   kArrayCalibration,  // the magnet from place to place below the array, turned every way
+  kLightCalibration,  // to and fro above a card, looking at its middle square on and tilted
 };
 
 struct TrajectoryConfiguration {
@@ -95,6 +107,10 @@ struct TrajectoryConfiguration {
   double tilt = 0.45;         // along it,
   double roll = 0.4;          // and turns about its own direction
   double swings = 1;          // how many times in one tour (whole numbers close the loop)
+  // Light calibration: distances from the lens to the card along the optical axis; `tilt`, `roll`
+  // and `period` as in a tour.
+  double nearest = 0.008;  // metres
+  double furthest = 0.05;
   // Array calibration: places visited one after the other, one every `dwell`, in a box centred
   // below the array.
   double dwell = 0.5;                                  // seconds
@@ -109,7 +125,8 @@ struct TrajectoryConfiguration {
           {"tour", TrajectoryKind::kTour},
           {"static", TrajectoryKind::kStatic},
           {"absent", TrajectoryKind::kAbsent},
-          {"array_calibration", TrajectoryKind::kArrayCalibration}});
+          {"array_calibration", TrajectoryKind::kArrayCalibration},
+          {"light_calibration", TrajectoryKind::kLightCalibration}});
     v("path_length", path_length, positive(Dimension::kLength));
     v("period", period, positive(Dimension::kTime));
     v("returns", returns);
@@ -119,6 +136,8 @@ struct TrajectoryConfiguration {
     v("tilt", tilt, between(0, 1.2, Dimension::kAngle));
     v("roll", roll, between(0, 3.2, Dimension::kAngle));
     v("swings", swings, positive());
+    v("nearest", nearest, positive(Dimension::kLength));
+    v("furthest", furthest, positive(Dimension::kLength));
     v("dwell", dwell, positive(Dimension::kTime));
     v("box_centre", box_centre, any(Dimension::kLength));
     v("box_half_size", box_half_size, not_negative(Dimension::kLength));

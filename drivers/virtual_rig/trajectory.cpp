@@ -1,5 +1,6 @@
 #include "virtual_rig/trajectory.hpp"
 
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -19,6 +20,8 @@ constexpr double kRoomBehind = 0.015;   // metres that stay free behind the lens
 constexpr double kSoftness = 0.006;     // metres over which that takes effect
 constexpr int kMostLaps = 200;
 constexpr int kLengthSteps = 4000;
+constexpr std::array<double, 2> kTiltRates = {3, 5};  // swings in a period of a light calibration
+constexpr double kRollRate = 2;
 constexpr double kPauseFraction = 0.5;  // of the dwell in which the magnet rests
 
 double soft_maximum(double a, double b) { return (a + b + std::hypot(a - b, kSoftness)) / 2; }
@@ -79,6 +82,8 @@ std::optional<SE3> Trajectory::pose(double time) const {
       return tour(0);
     case TrajectoryKind::kArrayCalibration:
       return array_calibration(time);
+    case TrajectoryKind::kLightCalibration:
+      return light_calibration(time / trajectory_.period);
     case TrajectoryKind::kAbsent:
       break;
   }
@@ -116,6 +121,31 @@ SE3 Trajectory::tour(double phase) const {
   const Eigen::Vector3d forwards = std::cos(tilt) * axis.tangent - std::sin(tilt) * across;
   rotation.col(0) = std::cos(roll) * along_wall + std::sin(roll) * forwards;
   rotation.col(1) = rotation.col(2).cross(rotation.col(0));
+  rig_T_camera.rotation = Eigen::Quaterniond(rotation).normalized();
+  return rig_T_camera;
+}
+
+// Equal times in equal ratios of distance, for light falls with its square; the view swings across
+// both ways at rates that do not repeat with the distance.
+SE3 Trajectory::light_calibration(double phase) const {
+  const CounterRandom random(seed_, stream_id(RandomStream::kTrajectory));
+  const auto wave = [&](std::uint64_t number, double frequency) {
+    return std::sin(kTurn * (frequency * phase + random.uniform(number)));
+  };
+  const double distance = trajectory_.nearest * std::pow(trajectory_.furthest / trajectory_.nearest,
+                                                         0.5 - 0.5 * std::cos(kTurn * phase));
+  const double roll = trajectory_.roll * wave(2, kRollRate);
+  const Centreline::Frame card = centreline_.frame(0.5);
+  const Eigen::Vector2d tilt =
+      trajectory_.tilt * Eigen::Vector2d(wave(0, kTiltRates[0]), wave(1, kTiltRates[1]));
+  const Eigen::Vector3d view =
+      (-card.up + tilt.x() * card.tangent + tilt.y() * card.side).normalized();
+  const Eigen::Vector3d along =
+      (std::cos(roll) * card.tangent + std::sin(roll) * card.side).cross(view).normalized();
+  SE3 rig_T_camera;
+  rig_T_camera.translation = card.centre - distance * view;
+  Eigen::Matrix3d rotation;
+  rotation << along, view.cross(along), view;
   rig_T_camera.rotation = Eigen::Quaterniond(rotation).normalized();
   return rig_T_camera;
 }

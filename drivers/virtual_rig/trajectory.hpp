@@ -1,5 +1,5 @@
-// Where the capsule is at any time: smooth paths inside the organ that look at its wall, and the
-// walk of a magnet below the array that calibrates it.
+// Where the capsule is at any time: smooth paths inside the organ that look at its wall, the walk
+// of a magnet below the array that calibrates it, and that of a camera before a card.
 #pragma once
 
 #include <cstdint>
@@ -22,6 +22,7 @@ class Trajectory {
 
  private:
   SE3 tour(double phase) const;
+  SE3 light_calibration(double phase) const;
   SE3 array_calibration(double time) const;
   SE3 calibration_place(std::uint64_t index) const;
   double tour_length() const;

@@ -13,6 +13,7 @@
 #include "calibrate/array_calibration.hpp"
 #include "calibrate/calibration_report.hpp"
 #include "calibrate/coil_calibration.hpp"
+#include "calibrate/light_calibration_process.hpp"
 #include "gastronaut/coil_currents_t.hpp"
 #include "gastronaut/hall_array_t.hpp"
 #include "gastronaut/rig_config_t.hpp"
@@ -39,6 +40,7 @@ struct Options {
   std::optional<double> gain_std;
   std::optional<double> alignment_std;
   std::optional<double> offset_std;
+  LightCommand light;
 };
 
 // What of the log the calibrations use, by time.
@@ -265,10 +267,19 @@ int calibrate_array_of(const Options& options) {
   return kExitDone;
 }
 
-void add_common_options(CLI::App& command, Options& options) {
-  command.add_option("LOG", options.log, "log with HALL_ARRAY, COIL_CURRENTS and RIG_CONFIG")
-      ->required()
-      ->check(CLI::ExistingFile);
+int calibrate_light_of(const Options& options) {
+  LightCommand light = options.light;
+  light.log = options.log;
+  light.configuration_files = options.configuration_files;
+  light.settings = options.settings;
+  const LightCalibrationTexts texts = run_light_calibration(light);
+  write_fragment(options.out, texts.fragment);
+  std::fputs(texts.table.c_str(), stdout);
+  return kExitDone;
+}
+
+void add_common_options(CLI::App& command, Options& options, const char* log) {
+  command.add_option("LOG", options.log, log)->required()->check(CLI::ExistingFile);
   command.add_option("--out", options.out, "the configuration fragment to write")->required();
   add_configuration_options(command, options.configuration_files, options.settings);
 }
@@ -282,7 +293,8 @@ int run_calibrate(int argc, char** argv) {
   Options options;
   CLI::App* coils = app.add_subcommand(
       "coils", "current-to-field matrix and sensor offsets from a log without the capsule");
-  add_common_options(*coils, options);
+  constexpr const char* kMagneticLog = "log with HALL_ARRAY, COIL_CURRENTS and RIG_CONFIG";
+  add_common_options(*coils, options, kMagneticLog);
   coils->footer(
       "Drive each coil by itself, or all with independent currents, the capsule away.\n"
       "Example: calibrate coils empty.lcmlog --out coils.yaml");
@@ -290,7 +302,7 @@ int run_calibrate(int argc, char** argv) {
       "array",
       "gain, alignment and offset of each sensor, and the magnet's moment, from a log in "
       "which the magnet moves");
-  add_common_options(*array, options);
+  add_common_options(*array, options, kMagneticLog);
   array
       ->add_option("--poses", options.poses,
                    "known: from GROUND_TRUTH_POSE and camera_T_magnet; unknown: estimated along; "
@@ -326,7 +338,14 @@ int run_calibrate(int argc, char** argv) {
       "Move the magnet under the whole array and turn it every way.\n"
       "Example: calibrate array sweep.lcmlog --config rig.yaml --config coils.yaml --out "
       "array.yaml");
+  CLI::App* light = app.add_subcommand(
+      "light",
+      "power, lobe and vignetting of the capsule's light and the camera's response, from pictures "
+      "of a flat card or of tissue with known depth");
+  add_common_options(*light, options, "log with CAMERA, RIG_CONFIG and poses or depth");
+  add_light_options(*light, options.light);
   return run_command_line(app, argc, argv, [&] {
+    if (light->parsed()) return calibrate_light_of(options);
     return coils->parsed() ? calibrate_coils_of(options) : calibrate_array_of(options);
   });
 }

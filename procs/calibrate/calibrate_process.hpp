@@ -4,7 +4,7 @@
 
 namespace gastronaut {
 
-// The command line: calibrate coils|array LOG --out FILE.yaml. Returns the exit status.
+// The command line: calibrate coils|array|light LOG --out FILE.yaml. Returns the exit status.
 int run_calibrate(int argc, char** argv);
 
 }  // namespace gastronaut

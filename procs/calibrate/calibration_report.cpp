@@ -15,15 +15,6 @@ constexpr double kMilli = 1e3;
 constexpr double kPercent = 100;
 constexpr double kDegrees = 180 / std::numbers::pi;  // in a radian
 
-std::string commented(const std::string& text) {
-  std::string result = "# ";
-  for (const char letter : text) {
-    result += letter;
-    if (letter == '\n') result += "# ";
-  }
-  return result.substr(0, result.find_last_not_of("# \n") + 1) + "\n";
-}
-
 // The sensors with what `remark` says of each.
 template <class Remark>
 void write_sensors(YAML::Emitter& out, FieldWriter& writer,
@@ -55,6 +46,15 @@ Eigen::Index worst_channel(const CoilCalibration& calibration) {
 }
 
 }  // namespace
+
+std::string commented(const std::string& text) {
+  std::string result = "# ";
+  for (const char letter : text) {
+    result += letter;
+    if (letter == '\n') result += "# ";
+  }
+  return result.substr(0, result.find_last_not_of("# \n") + 1) + "\n";
+}
 
 std::string coil_table(const CoilCalibration& calibration) {
   const Eigen::Index worst = worst_channel(calibration);

@@ -10,6 +10,9 @@
 
 namespace gastronaut {
 
+// Each line behind "# ".
+std::string commented(const std::string& text);
+
 // `log`: the name that the fragment gives as its source. Without `rig` the fragment of a coil
 // calibration has the matrix alone; the offsets have no place to go and stand in comments.
 std::string coil_fragment(const CoilCalibration& calibration,

@@ -143,5 +143,24 @@ TEST(Organ, RefusesAFileThatIsNoMesh) {
   EXPECT_THROW(Organ{configuration}, ConfigurationError);
 }
 
+TEST(Organ, CardIsAFlatRectangleFacingUpWhateverIsSaidOfTissue) {
+  OrganConfiguration card = coarse();
+  card.shape = OrganShapeKind::kCard;
+  card.width = 0.08;
+  card.height = 0.05;
+  card.bump_height = 0.001;
+  card.peristalsis.amplitude = 0.002;
+  const Organ organ(card);
+  constexpr double kFloat = 1e-6;  // relative, of single precision
+  EXPECT_TRUE(extent(organ.rest()).isApprox(Eigen::Vector3d(0.08, 0.05, 0), kFloat));
+  for (const auto& normal : organ.rest().normals) {
+    EXPECT_EQ(normal, Eigen::Vector3f::UnitZ());
+  }
+  EXPECT_FALSE(organ.moves());
+  EXPECT_EQ(organ.configuration().vessels, 0);
+  EXPECT_EQ(organ.configuration().mucus, 0);
+  EXPECT_EQ(organ.configuration().variation, 0);
+}
+
 }  // namespace
 }  // namespace gastronaut

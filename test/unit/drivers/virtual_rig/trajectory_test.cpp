@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
+#include <numbers>
 
 #include "small_scenario.hpp"
 #include "virtual_rig/organ.hpp"
@@ -124,6 +126,31 @@ TEST(Trajectory, RefusesATourThatDoesNotFit) {
   scenario.trajectory.path_length = 1000;
   const Organ organ(scenario.organ);
   EXPECT_THROW(Trajectory(scenario.trajectory, organ.centreline(), SE3(), 1), ConfigurationError);
+}
+
+TEST(Trajectory, LightCalibrationLooksAtTheCardsMiddleFromNearAndFarAndAslant) {
+  const VirtualRigScenario scenario = load_scenario(kScenarios + "light_calibration.yaml", {});
+  const Organ card(scenario.organ);
+  const Trajectory trajectory(scenario.trajectory, card.centreline(), SE3(), scenario.seed);
+  double nearest = 1;
+  double furthest = 0;
+  double steepest = 0;
+  constexpr int kPoses = 500;
+  for (int i = 0; i < kPoses; ++i) {
+    const SE3 rig_T_camera = *trajectory.pose(scenario.trajectory.period * i / kPoses);
+    const double distance = rig_T_camera.translation.norm();  // the card's middle is the origin
+    constexpr double kRounding = 1e-9;
+    EXPECT_LT((rig_T_camera * Eigen::Vector3d(0, 0, distance)).norm(), kRounding);
+    EXPECT_GT(rig_T_camera.translation.z(), 0) << "before the card";
+    nearest = std::min(nearest, distance);
+    furthest = std::max(furthest, distance);
+    steepest = std::max(steepest, std::acos(rig_T_camera.translation.z() / distance));
+  }
+  constexpr double kSampled = 0.01;  // relative
+  EXPECT_NEAR(nearest, scenario.trajectory.nearest, kSampled * nearest);
+  EXPECT_NEAR(furthest, scenario.trajectory.furthest, kSampled * furthest);
+  EXPECT_GT(steepest, scenario.trajectory.tilt / 2);
+  EXPECT_LT(steepest, std::numbers::sqrt2 * scenario.trajectory.tilt);
 }
 
 }  // namespace

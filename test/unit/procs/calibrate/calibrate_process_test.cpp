@@ -120,7 +120,7 @@ TEST_F(CalibrateProgram, RefusesWithExitStatusOneAndWritesNothing) {
 
 TEST_F(CalibrateProgram, RefusesWrongUsageWithExitStatusTwo) {
   EXPECT_EQ(run("array nothing.lcmlog --out array.yaml"), 2);
-  EXPECT_EQ(run("light"), 2);
+  EXPECT_EQ(run("lamp"), 2);
   EXPECT_EQ(run("--help"), 0);
   EXPECT_THAT(read("out.txt"), HasSubstr("coils"));
   EXPECT_EQ(run("array --help"), 0);
