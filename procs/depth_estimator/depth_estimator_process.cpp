@@ -18,6 +18,8 @@ namespace gastronaut {
 namespace {
 
 constexpr int kFastCompression = 1;
+// One count is this part of the greatest depth: fine enough for normals.
+constexpr double kCountsToMaxDepth = 32000;
 
 std::optional<std::string> metadata(const image_t& picture, const std::string& key) {
   for (const image_metadata_t& entry : picture.metadata) {
@@ -151,7 +153,8 @@ void DepthEstimatorProcess::handle_picture(const image_t& picture) {
   bus_.publish(channel::kVessels, gray_message(picture.utime, configuration_.camera, seen.vessels));
   bus_.publish(channel::kAlbedo, albedo);
   bus_.publish(channel::kDepth,
-               depth_message(picture.utime, seen, configuration_.camera.metres_per_depth_count));
+               depth_message(picture.utime, seen,
+                             configuration_.depth_estimator.max_depth / kCountsToMaxDepth));
   report_problem(seen.failure);
 }
 

@@ -63,8 +63,7 @@ FrontEnd::FrontEnd(const CameraConfiguration& camera)
       height_(camera.height),
       decoder_(camera.width, camera.height),
       light_of_level_(linear_light_of_levels(camera)),
-      outside_(camera.width, camera.height),
-      whiteness_(camera.width, camera.height) {
+      outside_(camera.width, camera.height) {
   // Our own loops share out the rows (--threads); OpenCV's would start threads inside them.
   cv::setNumThreads(1);
   make_maps(camera);
@@ -121,16 +120,7 @@ void FrontEnd::develop(LinearPicture& picture) {
     picture.green_level = Plane<float>(width_, height_);
     picture.flags = Plane<std::uint8_t>(width_, height_);
   }
-  for_row_chunks(height_, [&](int begin, int end) {
-    for (int v = begin; v < end; ++v) {
-      const std::uint8_t* rgb = undistorted_.data() + 3 * static_cast<std::ptrdiff_t>(v) * width_;
-      std::uint8_t* white = whiteness_.row(v);
-      for (int u = 0; u < width_; ++u) {
-        white[u] = std::min({rgb[3 * u], rgb[3 * u + 1], rgb[3 * u + 2]});
-      }
-    }
-  });
-  find_highlights(whiteness_, highlights_);
+  find_highlights(undistorted_.data(), width_, height_, highlights_);
   for_row_chunks(height_, [&](int begin, int end) {
     for (int v = begin; v < end; ++v) {
       const std::uint8_t* rgb = undistorted_.data() + 3 * static_cast<std::ptrdiff_t>(v) * width_;

@@ -64,7 +64,6 @@ class FrontEnd {
   Plane<std::uint8_t> outside_;
   std::vector<std::uint8_t> decoded_;      // RGB, as the lens sees it
   std::vector<std::uint8_t> undistorted_;  // RGB
-  Plane<std::uint8_t> whiteness_;
   Plane<std::uint8_t> highlights_;
   HighlightFiller filler_;
 };

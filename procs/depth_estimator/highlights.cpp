@@ -7,69 +7,104 @@
 namespace gastronaut::perception {
 namespace {
 
-constexpr int kBlock = 16;  // pixels: surroundings are 3 x 3 blocks
-constexpr int kCertain = 245;
-// Beyond these, a pixel is brighter than tissue's own patterns make it. Levels of 0 to 255.
-constexpr float kBrighterByFactor = 1.3F;
-constexpr float kBrighterByLevels = 12;
-constexpr int kDarkestHighlight = 90;
+constexpr int kBlock = 16;                // pixels: surroundings are 3 x 3 blocks
+constexpr std::uint8_t kDark = 25;        // levels: darker pixels are no lit tissue
+constexpr std::uint8_t kSaturated = 248;  // from here on a channel says nothing about colour
+constexpr float kFaintest = 60;           // blue level: below, colour is noise
+constexpr std::uint8_t kCertain = 246;    // all channels: white, whatever is around
+// Blue level over what it is around, where tissue's own patterns end.
+constexpr float kBrighterByFactor = 1.15F;
+constexpr float kBrighterByLevels = 8;
+// Blue over red, and over green where red is saturated, likewise. Tissue is red; what a film of
+// mucus mirrors is as white as the lamp.
+constexpr float kWhiterThanRed = 1.15F;
+constexpr float kWhiterThanGreen = 1.05F;
 constexpr std::size_t kRowsPerChunk = 16;
 
-// Mean of whiteness over each block and its eight neighbours.
-Plane<float> surroundings(const Plane<std::uint8_t>& whiteness) {
-  const int columns = (whiteness.width + kBlock - 1) / kBlock;
-  const int rows = (whiteness.height + kBlock - 1) / kBlock;
-  Plane<int> sums(columns, rows);
-  Plane<int> counts(columns, rows);
+struct Colour {
+  float red = 0;
+  float green = 0;
+  float blue = 0;
+  float count = 0;
+
+  void add(const Colour& other) {
+    red += other.red;
+    green += other.green;
+    blue += other.blue;
+    count += other.count;
+  }
+};
+
+// Sums over the lit and unsaturated pixels of each block and its eight neighbours.
+Plane<Colour> surroundings(const std::uint8_t* rgb, int width, int height) {
+  const int columns = (width + kBlock - 1) / kBlock;
+  const int rows = (height + kBlock - 1) / kBlock;
+  Plane<Colour> sums(columns, rows);
   parallel_for_chunks(static_cast<std::size_t>(rows), 1, [&](std::size_t begin, std::size_t) {
     const int j = static_cast<int>(begin);
-    for (int v = j * kBlock; v < std::min((j + 1) * kBlock, whiteness.height); ++v) {
-      const std::uint8_t* row = whiteness.row(v);
+    for (int v = j * kBlock; v < std::min((j + 1) * kBlock, height); ++v) {
       for (int i = 0; i < columns; ++i) {
-        const int end = std::min((i + 1) * kBlock, whiteness.width);
-        int sum = 0;
-        for (int u = i * kBlock; u < end; ++u) sum += row[u];
-        sums.at(i, j) += sum;
-        counts.at(i, j) += end - i * kBlock;
+        int red = 0;
+        int green = 0;
+        int blue = 0;
+        int count = 0;
+        const std::uint8_t* end =
+            rgb + 3 * (static_cast<std::ptrdiff_t>(v) * width + std::min((i + 1) * kBlock, width));
+        for (const std::uint8_t* pixel =
+                 rgb + 3 * (static_cast<std::ptrdiff_t>(v) * width + i * kBlock);
+             pixel != end; pixel += 3) {
+          const int counts = pixel[0] >= kDark && pixel[0] < kSaturated ? 1 : 0;
+          red += counts * pixel[0];
+          green += counts * pixel[1];
+          blue += counts * pixel[2];
+          count += counts;
+        }
+        sums.at(i, j).add({static_cast<float>(red), static_cast<float>(green),
+                           static_cast<float>(blue), static_cast<float>(count)});
       }
     }
   });
-  Plane<float> means(columns, rows);
+  Plane<Colour> around(columns, rows);
   for (int j = 0; j < rows; ++j) {
     for (int i = 0; i < columns; ++i) {
-      int sum = 0;
-      int count = 0;
       for (int b = std::max(0, j - 1); b <= std::min(rows - 1, j + 1); ++b) {
         for (int a = std::max(0, i - 1); a <= std::min(columns - 1, i + 1); ++a) {
-          sum += sums.at(a, b);
-          count += counts.at(a, b);
+          around.at(i, j).add(sums.at(a, b));
         }
       }
-      means.at(i, j) = static_cast<float>(sum) / static_cast<float>(count);
     }
   }
-  return means;
+  return around;
 }
 
 }  // namespace
 
-void find_highlights(const Plane<std::uint8_t>& whiteness, Plane<std::uint8_t>& mask) {
-  const int width = whiteness.width;
-  const int height = whiteness.height;
-  const Plane<float> means = surroundings(whiteness);
+void find_highlights(const std::uint8_t* rgb, int width, int height, Plane<std::uint8_t>& mask) {
+  const Plane<Colour> around = surroundings(rgb, width, height);
   Plane<std::uint8_t> found(width, height);
   parallel_for_chunks(
       static_cast<std::size_t>(height), kRowsPerChunk, [&](std::size_t begin, std::size_t end) {
         for (auto v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
-          const std::uint8_t* white = whiteness.row(v);
           std::uint8_t* to = found.row(v);
           for (int i = 0; i * kBlock < width; ++i) {
-            const float mean = means.at(i, v / kBlock);
-            const float least = kBrighterByFactor * mean + kBrighterByLevels;
-            const int threshold =
-                std::min(kCertain, std::max(kDarkestHighlight, static_cast<int>(least)));
+            const Colour& colour = around.at(i, v / kBlock);
+            // All around is saturated: only white itself is certain.
+            const bool known = colour.count > 0 && colour.blue > 0;
+            const float least_blue =
+                known ? std::max(kFaintest,
+                                 kBrighterByFactor * colour.blue / colour.count + kBrighterByLevels)
+                      : 255;
+            const float over_red = known ? kWhiterThanRed * colour.blue / colour.red : 255;
+            const float over_green = known ? kWhiterThanGreen * colour.blue / colour.green : 255;
             for (int u = i * kBlock; u < std::min((i + 1) * kBlock, width); ++u) {
-              to[u] = white[u] > threshold ? 1 : 0;
+              const std::uint8_t* pixel = rgb + 3 * (static_cast<std::ptrdiff_t>(v) * width + u);
+              const auto red = static_cast<float>(pixel[0]);
+              const auto green = static_cast<float>(pixel[1]);
+              const auto blue = static_cast<float>(pixel[2]);
+              const bool whiter =
+                  pixel[0] < kSaturated ? blue > over_red * red : blue > over_green * green;
+              const bool certain = std::min({pixel[0], pixel[1], pixel[2]}) >= kCertain;
+              to[u] = certain || (whiter && blue > least_blue) ? 1 : 0;
             }
           }
         }

@@ -8,10 +8,10 @@
 
 namespace gastronaut::perception {
 
-// Marks in `mask` (1; else 0) the pixels of a picture that are near white and clearly brighter than
-// their surroundings, and those beside them. `whiteness`: the smallest of a pixel's three channels,
-// 0 to 255: tissue is red, its reflections are white.
-void find_highlights(const Plane<std::uint8_t>& whiteness, Plane<std::uint8_t>& mask);
+// Marks in `mask` (1; else 0) the pixels of `rgb` (width * height * 3 levels, row by row) that are
+// clearly brighter and whiter than the lit tissue around them, and those beside them. Tissue that
+// is only nearer keeps its colour.
+void find_highlights(const std::uint8_t* rgb, int width, int height, Plane<std::uint8_t>& mask);
 
 // Replaces the marked pixels by what the nearest unmarked ones, at ever coarser scales, average to.
 // Without unmarked pixels nothing changes.

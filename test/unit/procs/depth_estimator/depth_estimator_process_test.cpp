@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <turbojpeg.h>
 #include <zstd.h>
 
 #include <algorithm>
@@ -17,31 +16,20 @@
 #include "gastronaut/depth_image_t.hpp"
 #include "gastronaut/image_t.hpp"
 #include "process/channels.hpp"
+#include "unit/procs/depth_estimator/jpeg_encoder.hpp"
 #include "unit/procs/depth_estimator/lit_surface.hpp"
 
 namespace gastronaut {
 namespace {
 
-using perception::LitSurface;
 using perception::Surface;
+using perception::to_jpeg;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
 // Smoothness, 8-bit levels and JPEG: half of what the albedo's usual variation costs.
 constexpr double kPictureError = 0.02;
 constexpr double kWallDistance = 0.035;  // metres
-
-std::vector<std::uint8_t> to_jpeg(const std::vector<std::uint8_t>& rgb, int width, int height) {
-  const tjhandle compressor = tjInitCompress();
-  unsigned char* buffer = nullptr;
-  unsigned long size = 0;
-  tjCompress2(compressor, rgb.data(), width, 0, height, TJPF_RGB, &buffer, &size, TJSAMP_444, 95,
-              0);
-  std::vector<std::uint8_t> jpeg(buffer, buffer + size);
-  tjFree(buffer);
-  tjDestroy(compressor);
-  return jpeg;
-}
 
 struct Outputs {
   depth_image_t depth;
