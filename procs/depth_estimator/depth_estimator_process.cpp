@@ -140,6 +140,7 @@ void DepthEstimatorProcess::handle_picture(const image_t& picture) {
   }
   if (seen.failure.empty()) {
     add_metadata(albedo, "sharpness", fmt::format("{:.6g}", seen.quality.sharpness));
+    add_metadata(albedo, "contrast", fmt::format("{:.6g}", seen.quality.contrast));
     add_metadata(albedo, "mean_level", fmt::format("{:.6g}", seen.quality.mean_level));
     add_metadata(albedo, "saturated_fraction",
                  fmt::format("{:.6g}", seen.quality.saturated_fraction));

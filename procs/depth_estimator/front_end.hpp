@@ -28,6 +28,9 @@ struct PictureQuality {
   // 8, in the direction where this is smaller: 1 for fine grain, 0.25 where nothing is finer than 8
   // pixels. Falls with defocus and motion blur; brightness and contrast cancel.
   double sharpness = 0;
+  // Root mean square of its differences over 8 pixels, over its mean level: what there is to see.
+  // Fluid before the lens and a wall far out of focus leave little.
+  double contrast = 0;
   double mean_level = 0;          // green, 0 to 1, gamma-encoded
   double saturated_fraction = 0;  // of the pixels inside the lens: in one channel at least
   double dark_fraction = 0;       // in all channels

@@ -1,6 +1,7 @@
 #include "depth_estimator/highlights.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "numerics/parallel.hpp"
 
@@ -15,28 +16,52 @@ constexpr std::uint8_t kCertain = 246;    // all channels: white, whatever is ar
 // Blue level over what it is around, where tissue's own patterns end.
 constexpr float kBrighterByFactor = 1.15F;
 constexpr float kBrighterByLevels = 8;
+// And over its spread there, because where light meets shadow the lit side is no reflection; unless
+// it is brighter than pale tissue between darker gets in real capsules' pictures.
+constexpr float kBrighterBySigmas = 2;
+constexpr float kBrighterThanTissue = 190;
+constexpr float kNever = 256;  // more than any level
 // Blue over red, and over green where red is saturated, likewise. Tissue is red; what a film of
 // mucus mirrors is as white as the lamp.
 constexpr float kWhiterThanRed = 1.15F;
 constexpr float kWhiterThanGreen = 1.05F;
 constexpr std::size_t kRowsPerChunk = 16;
 
+// Sums over the lit and unsaturated pixels of a block of the picture.
 struct Colour {
   float red = 0;
   float green = 0;
   float blue = 0;
+  float blue_squared = 0;
   float count = 0;
 
   void add(const Colour& other) {
     red += other.red;
     green += other.green;
     blue += other.blue;
+    blue_squared += other.blue_squared;
     count += other.count;
   }
 };
 
-// Sums over the lit and unsaturated pixels of each block and its eight neighbours.
-Plane<Colour> surroundings(const std::uint8_t* rgb, int width, int height) {
+// What a pixel's blue must exceed to be a reflection.
+struct Threshold {
+  float blue = kNever;
+  float over_red = kNever;    // times the pixel's red
+  float over_green = kNever;  // times its green; counts where red is saturated
+};
+
+Threshold threshold_within(const Colour& around) {
+  if (around.count == 0 || around.blue == 0) return {};
+  const float mean = around.blue / around.count;
+  const float variance = std::max(0.0F, around.blue_squared / around.count - mean * mean);
+  const float lit = std::min(kBrighterThanTissue, mean + kBrighterBySigmas * std::sqrt(variance));
+  return {std::max({kFaintest, kBrighterByFactor * mean + kBrighterByLevels, lit}),
+          kWhiterThanRed * around.blue / around.red, kWhiterThanGreen * around.blue / around.green};
+}
+
+// One a block, from it and its eight neighbours.
+Plane<Threshold> block_thresholds(const std::uint8_t* rgb, int width, int height) {
   const int columns = (width + kBlock - 1) / kBlock;
   const int rows = (height + kBlock - 1) / kBlock;
   Plane<Colour> sums(columns, rows);
@@ -47,6 +72,7 @@ Plane<Colour> surroundings(const std::uint8_t* rgb, int width, int height) {
         int red = 0;
         int green = 0;
         int blue = 0;
+        int blue_squared = 0;
         int count = 0;
         const std::uint8_t* end =
             rgb + 3 * (static_cast<std::ptrdiff_t>(v) * width + std::min((i + 1) * kBlock, width));
@@ -57,58 +83,79 @@ Plane<Colour> surroundings(const std::uint8_t* rgb, int width, int height) {
           red += counts * pixel[0];
           green += counts * pixel[1];
           blue += counts * pixel[2];
+          blue_squared += counts * pixel[2] * pixel[2];
           count += counts;
         }
         sums.at(i, j).add({static_cast<float>(red), static_cast<float>(green),
-                           static_cast<float>(blue), static_cast<float>(count)});
+                           static_cast<float>(blue), static_cast<float>(blue_squared),
+                           static_cast<float>(count)});
       }
     }
   });
-  Plane<Colour> around(columns, rows);
+  Plane<Threshold> thresholds(columns, rows);
   for (int j = 0; j < rows; ++j) {
     for (int i = 0; i < columns; ++i) {
+      Colour around;
       for (int b = std::max(0, j - 1); b <= std::min(rows - 1, j + 1); ++b) {
         for (int a = std::max(0, i - 1); a <= std::min(columns - 1, i + 1); ++a) {
-          around.at(i, j).add(sums.at(a, b));
+          around.add(sums.at(a, b));
         }
       }
+      thresholds.at(i, j) = threshold_within(around);
     }
   }
-  return around;
+  return thresholds;
+}
+
+Threshold between(const Threshold& a, const Threshold& b, float along) {
+  return {a.blue + along * (b.blue - a.blue), a.over_red + along * (b.over_red - a.over_red),
+          a.over_green + along * (b.over_green - a.over_green)};
+}
+
+// Between block centres: a threshold that jumped from block to block would draw their outlines.
+void mark_row(const std::uint8_t* rgb, int width, int v, const Plane<Threshold>& thresholds,
+              std::vector<Threshold>& of_row, std::uint8_t* to) {
+  const auto place = static_cast<float>(v - kBlock / 2) / kBlock;
+  const int above = std::clamp(static_cast<int>(std::floor(place)), 0, thresholds.height - 1);
+  const int below = std::min(above + 1, thresholds.height - 1);
+  const float down = std::clamp(place - static_cast<float>(above), 0.0F, 1.0F);
+  of_row.resize(static_cast<std::size_t>(thresholds.width));
+  for (int i = 0; i < thresholds.width; ++i) {
+    of_row[static_cast<std::size_t>(i)] =
+        between(thresholds.at(i, above), thresholds.at(i, below), down);
+  }
+  for (int i = -1; i < thresholds.width; ++i) {
+    const Threshold& left = of_row[static_cast<std::size_t>(std::max(i, 0))];
+    const Threshold& right =
+        of_row[static_cast<std::size_t>(std::min(i + 1, thresholds.width - 1))];
+    const int centre = i * kBlock + kBlock / 2;
+    for (int u = std::max(centre, 0); u < std::min(centre + kBlock, width); ++u) {
+      const Threshold least = between(left, right, static_cast<float>(u - centre) / kBlock);
+      const std::uint8_t* pixel = rgb + 3 * u;
+      const auto red = static_cast<float>(pixel[0]);
+      const auto green = static_cast<float>(pixel[1]);
+      const auto blue = static_cast<float>(pixel[2]);
+      const float least_white =
+          pixel[0] < kSaturated ? least.over_red * red : least.over_green * green;
+      const bool certain = std::min({pixel[0], pixel[1], pixel[2]}) >= kCertain;
+      to[u] = static_cast<std::uint8_t>(certain | ((blue > least_white) & (blue > least.blue)));
+    }
+  }
 }
 
 }  // namespace
 
 void find_highlights(const std::uint8_t* rgb, int width, int height, Plane<std::uint8_t>& mask) {
-  const Plane<Colour> around = surroundings(rgb, width, height);
+  const Plane<Threshold> thresholds = block_thresholds(rgb, width, height);
   Plane<std::uint8_t> found(width, height);
-  parallel_for_chunks(
-      static_cast<std::size_t>(height), kRowsPerChunk, [&](std::size_t begin, std::size_t end) {
-        for (auto v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
-          std::uint8_t* to = found.row(v);
-          for (int i = 0; i * kBlock < width; ++i) {
-            const Colour& colour = around.at(i, v / kBlock);
-            // All around is saturated: only white itself is certain.
-            const bool known = colour.count > 0 && colour.blue > 0;
-            const float least_blue =
-                known ? std::max(kFaintest,
-                                 kBrighterByFactor * colour.blue / colour.count + kBrighterByLevels)
-                      : 255;
-            const float over_red = known ? kWhiterThanRed * colour.blue / colour.red : 255;
-            const float over_green = known ? kWhiterThanGreen * colour.blue / colour.green : 255;
-            for (int u = i * kBlock; u < std::min((i + 1) * kBlock, width); ++u) {
-              const std::uint8_t* pixel = rgb + 3 * (static_cast<std::ptrdiff_t>(v) * width + u);
-              const auto red = static_cast<float>(pixel[0]);
-              const auto green = static_cast<float>(pixel[1]);
-              const auto blue = static_cast<float>(pixel[2]);
-              const bool whiter =
-                  pixel[0] < kSaturated ? blue > over_red * red : blue > over_green * green;
-              const bool certain = std::min({pixel[0], pixel[1], pixel[2]}) >= kCertain;
-              to[u] = certain || (whiter && blue > least_blue) ? 1 : 0;
-            }
-          }
-        }
-      });
+  parallel_for_chunks(static_cast<std::size_t>(height), kRowsPerChunk,
+                      [&](std::size_t begin, std::size_t end) {
+                        std::vector<Threshold> of_row;
+                        for (auto v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
+                          mark_row(rgb + 3 * static_cast<std::ptrdiff_t>(v) * width, width, v,
+                                   thresholds, of_row, found.row(v));
+                        }
+                      });
   // A reflection's rim is half as bright: the pixels beside it do not count either.
   mask = Plane<std::uint8_t>(width, height);
   parallel_for_chunks(

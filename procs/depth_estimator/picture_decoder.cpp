@@ -38,8 +38,8 @@ std::string PictureDecoder::decode_jpeg(std::span<const std::uint8_t> data, std:
   if (width == 0 || height == 0) return "corrupt JPEG: it ends within its header";
   if (width != width_ || height != height_) return wrong_size(width, height);
   // Warnings (the data end early, or make no sense) fail as errors do.
-  if (tjDecompress2(decompressor_.get(), data.data(), size, rgb, width_, 0, height_, TJPF_RGB, 0) !=
-      0) {
+  if (tjDecompress2(decompressor_.get(), data.data(), size, rgb, width_, 0, height_, TJPF_RGB,
+                    TJFLAG_LIMITSCANS) != 0) {
     return fmt::format("corrupt JPEG: {}", tjGetErrorStr2(decompressor_.get()));
   }
   return "";

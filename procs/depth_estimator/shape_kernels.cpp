@@ -1,9 +1,11 @@
 #include "depth_estimator/shape_kernels.hpp"
 
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+
+// The vectors below never leave this file, so how they would be passed does not matter.
+#pragma GCC diagnostic ignored "-Wpsabi"
 
 // Compiled once for each instruction set.
 #undef HWY_TARGET_INCLUDE
@@ -47,9 +49,9 @@ HWY_INLINE Lanes square_root(Lanes lanes) {
 HWY_INLINE Lanes log2_of(Lanes x) {
   // Mantissa in [sqrt(1/2), sqrt(2)): atanh's series in (m - 1) / (m + 1).
   constexpr std::int32_t kSqrtHalf = 0x3F3504F3;
-  const Integers bits = std::bit_cast<Integers>(x) - kSqrtHalf;
+  const Integers bits = reinterpret_cast<Integers>(x) - kSqrtHalf;
   const Lanes exponent = __builtin_convertvector(bits >> 23, Lanes);
-  const Lanes m = std::bit_cast<Lanes>((bits & 0x007FFFFF) + kSqrtHalf);
+  const Lanes m = reinterpret_cast<Lanes>((bits & 0x007FFFFF) + kSqrtHalf);
   const Lanes t = (m - 1) / (m + 1);
   const Lanes t2 = t * t;
   const Lanes series = t * (2 + t2 * (2.0F / 3 + t2 * (2.0F / 5 + t2 * (2.0F / 7))));
@@ -65,7 +67,7 @@ HWY_INLINE Lanes exp2_of(Lanes x) {
       1 + f * (1 + f * (1.0F / 2 +
                         f * (1.0F / 6 + f * (1.0F / 24 + f * (1.0F / 120 + f * (1.0F / 720))))));
   const Integers exponent = (__builtin_convertvector(whole, Integers) + 127) << 23;
-  return series * std::bit_cast<Lanes>(exponent);
+  return series * reinterpret_cast<Lanes>(exponent);
 }
 
 void linearise(ShapeGrid& grid, const ShapeLights& lights, const ShapeWeights& weights, int begin,

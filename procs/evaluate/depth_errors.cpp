@@ -81,24 +81,63 @@ std::optional<std::vector<std::uint16_t>> decode_depth_counts(DepthEncoding enco
   return std::nullopt;
 }
 
-DepthErrors& DepthErrors::operator+=(const DepthErrors& other) {
-  truth_pixels += other.truth_pixels;
-  compared_pixels += other.compared_pixels;
+void ErrorSums::add(double estimate, double truth) {
+  const double error = estimate - truth;
+  ++count;
+  sum += error;
+  sum_absolute += std::abs(error);
+  sum_squared += error * error;
+  sum_relative += std::abs(error) / truth;
+}
+
+ErrorSums& ErrorSums::operator+=(const ErrorSums& other) {
+  count += other.count;
+  sum += other.sum;
   sum_absolute += other.sum_absolute;
   sum_squared += other.sum_squared;
   sum_relative += other.sum_relative;
+  return *this;
+}
+
+double ErrorSums::bias() const { return ratio(sum, count); }
+double ErrorSums::mean_absolute() const { return ratio(sum_absolute, count); }
+double ErrorSums::rmse() const { return std::sqrt(ratio(sum_squared, count)); }
+double ErrorSums::mean_relative() const { return ratio(sum_relative, count); }
+
+DepthErrors& DepthErrors::operator+=(const DepthErrors& other) {
+  truth_pixels += other.truth_pixels;
+  compared += other.compared;
   sum_absolute_scaled += other.sum_absolute_scaled;
+  normalised_pixels += other.normalised_pixels;
+  sum_normalised_squared += other.sum_normalised_squared;
   return *this;
 }
 
 double DepthErrors::coverage() const {
-  return ratio(static_cast<double>(compared_pixels), truth_pixels);
+  return ratio(static_cast<double>(compared.count), truth_pixels);
 }
-double DepthErrors::mean_absolute() const { return ratio(sum_absolute, compared_pixels); }
-double DepthErrors::rmse() const { return std::sqrt(ratio(sum_squared, compared_pixels)); }
-double DepthErrors::mean_relative() const { return ratio(sum_relative, compared_pixels); }
 double DepthErrors::mean_absolute_scaled() const {
-  return ratio(sum_absolute_scaled, compared_pixels);
+  return ratio(sum_absolute_scaled, compared.count);
+}
+double DepthErrors::normalised_error() const {
+  return std::sqrt(ratio(sum_normalised_squared, normalised_pixels));
+}
+
+DepthProfile::Bin& DepthProfile::at(double true_depth) {
+  const double bin = true_depth / kBinWidth;
+  return bins_[bin < static_cast<double>(kBins) ? static_cast<std::size_t>(bin) : kBins];
+}
+
+DepthProfile::Bin DepthProfile::between(double near, double far) const {
+  const auto edge = [](double depth) {
+    return static_cast<std::size_t>(std::min<double>(std::round(depth / kBinWidth), kBins + 1));
+  };
+  Bin total;
+  for (std::size_t i = edge(near); i < edge(far); ++i) {
+    total.truth_pixels += bins_[i].truth_pixels;
+    total.compared += bins_[i].compared;
+  }
+  return total;
 }
 
 std::vector<float> resample_like(const DepthPicture& estimate, const DepthPicture& truth) {
@@ -126,31 +165,36 @@ std::vector<float> resample_like(const DepthPicture& estimate, const DepthPictur
   return result;
 }
 
-DepthErrors compare_depth(const DepthPicture& estimate, const DepthPicture& truth) {
+DepthErrors compare_depth(const DepthPicture& estimate, const DepthPicture& truth,
+                          DepthProfile& profile) {
   const std::vector<float> resampled = resample_like(estimate, truth);
   DepthErrors errors;
   std::vector<float> estimated;
   std::vector<float> expected;
   for (std::size_t i = 0; i < resampled.size(); ++i) {
     if (truth.depth[i] <= 0) continue;
+    DepthProfile::Bin& bin = profile.at(truth.depth[i]);
     ++errors.truth_pixels;
+    ++bin.truth_pixels;
     if (resampled[i] <= 0) continue;
+    errors.compared.add(resampled[i], truth.depth[i]);
+    bin.compared.add(resampled[i], truth.depth[i]);
     estimated.push_back(resampled[i]);
     expected.push_back(truth.depth[i]);
   }
-  errors.compared_pixels = estimated.size();
   if (estimated.empty()) return errors;
   std::vector<float> sorted = estimated;
   const double estimated_median = median(sorted);
   sorted = expected;
   errors.scale = median(sorted) / estimated_median;
   for (std::size_t i = 0; i < estimated.size(); ++i) {
-    const double error = static_cast<double>(estimated[i]) - static_cast<double>(expected[i]);
-    errors.sum_absolute += std::abs(error);
-    errors.sum_squared += error * error;
-    errors.sum_relative += std::abs(error) / static_cast<double>(expected[i]);
-    errors.sum_absolute_scaled += std::abs(errors.scale * static_cast<double>(estimated[i]) -
-                                           static_cast<double>(expected[i]));
+    const double depth = estimated[i];
+    errors.sum_absolute_scaled += std::abs(errors.scale * depth - static_cast<double>(expected[i]));
+    if (estimate.relative_std <= 0) continue;
+    const double normalised =
+        (depth - static_cast<double>(expected[i])) / (estimate.relative_std * depth);
+    ++errors.normalised_pixels;
+    errors.sum_normalised_squared += normalised * normalised;
   }
   return errors;
 }

@@ -22,6 +22,7 @@ struct Options {
   std::string log;
   std::string out;
   std::string surface;
+  std::vector<std::size_t> frames;
   bool open = false;
   evaluation::TrajectoryComparison comparison;
 };
@@ -37,11 +38,31 @@ void make_folder(const std::string& folder) {
 // The figures that one looks at first.
 void print_summary(const Metrics& metrics) {
   const auto ends_with_one_of = [](const std::string& key) {
-    for (const char* end :
-         {".with_truth", ".availability", ".ate.none.rmse", ".ate.se3.rmse", ".ate.sim3.rmse",
-          ".axis_error_deg.mean", ".rotation_error_deg.mean", ".nees.mean", ".nees.band_low",
-          ".nees.band_high", ".cramer_rao.position_ratio", ".cramer_rao.axis_ratio", ".mean_abs",
-          ".ms_per_event.median", ".ms_per_event.p99"}) {
+    for (const char* end : {".with_truth",
+                            ".availability",
+                            ".ate.none.rmse",
+                            ".ate.se3.rmse",
+                            ".ate.sim3.rmse",
+                            ".axis_error_deg.mean",
+                            ".rotation_error_deg.mean",
+                            ".nees.mean",
+                            ".nees.band_low",
+                            ".nees.band_high",
+                            ".cramer_rao.position_ratio",
+                            ".cramer_rao.axis_ratio",
+                            "DEPTH.mean_abs",
+                            "DEPTH.mean_abs_scaled",
+                            "DEPTH.30_to_45mm.mean_abs",
+                            "DEPTH.bias",
+                            "DEPTH.coverage",
+                            "DEPTH.scale.mean",
+                            "DEPTH.scale.std",
+                            "DEPTH.normalised_error",
+                            ".spread",
+                            ".spread_over_contrast",
+                            ".spread_over_local_contrast",
+                            ".ms_per_event.median",
+                            ".ms_per_event.p99"}) {
       if (key.ends_with(end)) return true;
     }
     return false;
@@ -72,7 +93,7 @@ int finish_report(const Options& options) {
 
 int score_log(const Options& options) {
   make_folder(options.out);
-  print_summary(evaluation::evaluate_log(options.log, options.out));
+  print_summary(evaluation::evaluate_log(options.log, options.out, options.frames));
   return finish_report(options);
 }
 
@@ -104,6 +125,10 @@ int run_evaluate(int argc, char** argv) {
   app.add_option("--out", options.out, "folder of the report, made where missing");
   app.add_option("--surface", options.surface, "true surface (PLY), drawn with the trajectories")
       ->check(CLI::ExistingFile);
+  app.add_option("--frames", options.frames,
+                 "numbers of the pictures to show, as in 0,100,200 (default: 6 over the log)")
+      ->delimiter(',')
+      ->allow_extra_args(false);
   app.add_flag("--open", options.open, "show the report in the browser");
 
   CLI::App* trajectories = app.add_subcommand(

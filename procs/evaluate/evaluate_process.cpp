@@ -5,6 +5,7 @@
 #include <gastronaut/capsule_state_t.hpp>
 #include <gastronaut/depth_image_t.hpp>
 #include <gastronaut/hall_array_t.hpp>
+#include <gastronaut/image_t.hpp>
 #include <gastronaut/magnetic_pose_t.hpp>
 #include <gastronaut/pose_t.hpp>
 #include <gastronaut/rig_config_t.hpp>
@@ -15,6 +16,7 @@
 
 #include "bus/log_file.hpp"
 #include "bus/wire.hpp"
+#include "evaluate/picture_process.hpp"
 #include "process/channels.hpp"
 
 namespace gastronaut::evaluation {
@@ -23,7 +25,6 @@ namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 // A DEPTH picture and its truth may be this many pictures apart in the log.
 constexpr std::size_t kMaxPendingPictures = 64;
-constexpr std::size_t kFewestExamples = 3;  // twice as many are never kept
 
 Eigen::Vector3d vector3(const double (&v)[3]) { return {v[0], v[1], v[2]}; }
 
@@ -130,50 +131,6 @@ void append(PoseChannel& target, const pose_t& message) {
   append(target, {message.utime, 0, pose_of(message.pos, message.orientation), {}}, {});
 }
 
-std::optional<DepthPicture> decode_depth(const depth_image_t& message) {
-  DepthEncoding encoding = DepthEncoding::kRaw;
-  switch (message.encoding) {
-    case depth_image_t::ENCODING_RAW:
-      break;
-    case depth_image_t::ENCODING_PNG:
-      encoding = DepthEncoding::kPng;
-      break;
-    case depth_image_t::ENCODING_ZSTD:
-      encoding = DepthEncoding::kZstd;
-      break;
-    default:
-      return std::nullopt;
-  }
-  const auto counts = decode_depth_counts(encoding, message.data, message.width, message.height);
-  if (!counts || !(message.fx > 0) || !(message.fy > 0)) return std::nullopt;
-  DepthPicture picture{message.width, message.height, message.fx, message.fy,
-                       message.cx,    message.cy,     {}};
-  for (const std::uint16_t count : *counts) {
-    picture.depth.push_back(static_cast<float>(count * message.metres_per_count));
-  }
-  return picture;
-}
-
-// Keeps a few pictures evenly spread over a log of unknown length: when there are too many, every
-// other one goes, and from then on only every other new one is taken.
-class ExampleKeeper {
- public:
-  explicit ExampleKeeper(std::vector<DepthExample>& examples) : examples_(examples) {}
-  bool wanted() { return number_++ % stride_ == 0; }
-  void keep(DepthExample example) {
-    examples_.push_back(std::move(example));
-    if (examples_.size() < 2 * kFewestExamples) return;
-    for (std::size_t i = 1; i < kFewestExamples; ++i) examples_[i] = std::move(examples_[2 * i]);
-    examples_.resize(kFewestExamples);
-    stride_ *= 2;
-  }
-
- private:
-  std::vector<DepthExample>& examples_;
-  std::size_t number_ = 0;
-  std::size_t stride_ = 1;
-};
-
 class RunReader {
  public:
   RecordedRun read(const std::string& path, const std::function<void(double)>& progress);
@@ -208,7 +165,6 @@ class RunReader {
   std::map<std::int64_t, depth_image_t> pending_depth_[2];  // estimates, truth; still encoded
   std::size_t unmatched_depth_ = 0;
   std::size_t undecodable_depth_ = 0;
-  ExampleKeeper examples_{run_.depth.examples};
   std::string configuration_text_;
   bool configuration_changed_ = false;
 };
@@ -271,11 +227,8 @@ void RunReader::compare(const depth_image_t& estimate, const depth_image_t& trut
     ++undecodable_depth_;
     return;
   }
-  run_.depth.frames.push_back({estimate.utime, compare_depth(*estimated, *expected)});
-  if (examples_.wanted()) {
-    examples_.keep({estimate.utime, expected->width, expected->height,
-                    resample_like(*estimated, *expected), expected->depth});
-  }
+  run_.depth.frames.push_back(
+      {estimate.utime, compare_depth(*estimated, *expected, run_.depth.profile)});
 }
 
 void RunReader::handle(const LogReader::Event& event) {
@@ -301,7 +254,16 @@ void RunReader::handle(const LogReader::Event& event) {
     handle_pose<pose_t>(event, pose_);
   } else if (event.channel == channel::kDepth || event.channel == channel::kGroundTruthDepth) {
     if (auto message = decode<depth_image_t>(event)) {
-      handle_depth(std::move(*message), event.channel == channel::kGroundTruthDepth);
+      const bool is_truth = event.channel == channel::kGroundTruthDepth;
+      if (!is_truth) run_.frame_utimes.push_back(message->utime);
+      handle_depth(std::move(*message), is_truth);
+    }
+  } else if (event.channel == channel::kCamera || event.channel == channel::kAlbedo ||
+             event.channel == channel::kVessels) {
+    if (const auto message = decode<image_t>(event)) {
+      run_.frame_utimes.push_back(message->utime);
+      const std::string failure = failure_of(*message);
+      if (!failure.empty()) ++run_.failures[failure];
     }
   }
 }
@@ -335,6 +297,10 @@ void RunReader::add_notes() {
   if (undecodable_depth_ > 0) {
     note(std::to_string(undecodable_depth_) + " depth pictures cannot be decoded");
   }
+  for (const auto& [failure, count] : run_.failures) {
+    note(std::to_string(count) + " of " + std::to_string(run_.channels[channel::kAlbedo].messages) +
+         " pictures could not be used by depth_estimator: " + failure);
+  }
 }
 
 RecordedRun RunReader::read(const std::string& path, const std::function<void(double)>& progress) {
@@ -355,6 +321,9 @@ RecordedRun RunReader::read(const std::string& path, const std::function<void(do
     if (channel->fixes.empty()) continue;
     run_.pose_channels.push_back(std::move(*channel));
   }
+  std::vector<std::int64_t>& utimes = run_.frame_utimes;
+  std::sort(utimes.begin(), utimes.end());
+  utimes.erase(std::unique(utimes.begin(), utimes.end()), utimes.end());
   add_notes();
   return std::move(run_);
 }

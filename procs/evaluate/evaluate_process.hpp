@@ -1,5 +1,5 @@
-// Reads a derived log into what the evaluation needs, and is the only part of it that knows
-// channels and LCM types. Pictures are compared as they come and not kept.
+// Reads a derived log into what the evaluation needs, and is with picture_process the only part of
+// it that knows channels and LCM types. Pictures are compared as they come and not kept.
 #pragma once
 
 #include <cstdint>
@@ -32,18 +32,9 @@ struct DepthFrame {
   DepthErrors errors;
 };
 
-// A pair of pictures for the eye: the estimate resampled to the truth's pixels.
-struct DepthExample {
-  std::int64_t utime = 0;
-  int width = 0;
-  int height = 0;
-  std::vector<float> estimate;  // metres, 0: none
-  std::vector<float> truth;
-};
-
 struct DepthSeries {
   std::vector<DepthFrame> frames;
-  std::vector<DepthExample> examples;  // a few, evenly spread over the log
+  DepthProfile profile;  // of all frames
 };
 
 struct RecordedRun {
@@ -58,7 +49,10 @@ struct RecordedRun {
   std::vector<PoseChannel> pose_channels;  // those with messages
   std::vector<HallReading> hall_readings;
   DepthSeries depth;
-  std::vector<std::string> notes;  // what could not be used, and why
+  // With CAMERA, DEPTH, ALBEDO or VESSELS, ascending; a frame's number counts them from 0.
+  std::vector<std::int64_t> frame_utimes;
+  std::map<std::string, std::size_t> failures;  // of pictures, as ALBEDO names them
+  std::vector<std::string> notes;               // what could not be used, and why
 };
 
 // `progress` gets the fraction that is read. Throws std::runtime_error when the log cannot be

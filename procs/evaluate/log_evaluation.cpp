@@ -9,6 +9,7 @@
 
 #include "evaluate/cramer_rao.hpp"
 #include "evaluate/evaluate_process.hpp"
+#include "evaluate/picture_evaluation.hpp"
 #include "evaluate/report.hpp"
 #include "evaluate/trajectory_file.hpp"
 #include "numerics/parallel.hpp"
@@ -140,22 +141,6 @@ void set_distance_metrics(Metrics& metrics, const RigConfiguration& configuratio
   metrics.set_statistics(magnetic.name + ".within_5cm.axis_deg", rotation, kDegreesPerRadian);
 }
 
-void set_depth_metrics(Metrics& metrics, const DepthSeries& depth) {
-  DepthErrors total;
-  std::vector<double> scales;
-  for (const DepthFrame& frame : depth.frames) {
-    total += frame.errors;
-    if (frame.errors.compared_pixels > 0) scales.push_back(frame.errors.scale);
-  }
-  metrics.set_count("DEPTH.count", depth.frames.size());
-  metrics.set("DEPTH.mean_abs", total.mean_absolute());
-  metrics.set("DEPTH.rmse", total.rmse());
-  metrics.set("DEPTH.relative", total.mean_relative());
-  metrics.set("DEPTH.mean_abs_scaled", total.mean_absolute_scaled());
-  metrics.set("DEPTH.coverage", total.coverage());
-  metrics.set_statistics("DEPTH.scale", scales);
-}
-
 Trajectory truth_trajectory(const TruthTrack& truth, const SE3& camera_T_target) {
   Trajectory trajectory;
   trajectory.utimes = truth.utimes();
@@ -167,7 +152,8 @@ Trajectory truth_trajectory(const TruthTrack& truth, const SE3& camera_T_target)
 
 }  // namespace
 
-Metrics evaluate_log(const std::string& log, const std::string& folder) {
+Metrics evaluate_log(const std::string& log, const std::string& folder,
+                     const std::vector<std::size_t>& frames) {
   RecordedRun run;
   {
     Progress progress("reading " + log);
@@ -206,10 +192,9 @@ Metrics evaluate_log(const std::string& log, const std::string& folder) {
         magnet ? std::span<const BoundSample>(bounds) : std::span<const BoundSample>());
   }
   if (!bounds_set) set_bound_metrics(metrics, bounds, nullptr, nullptr);
-  if (!run.depth.frames.empty()) {
-    set_depth_metrics(metrics, run.depth);
-    write_depth_series(folder, run.depth);
-  }
+  set_depth_metrics(metrics, run.depth);
+  if (!run.depth.frames.empty()) write_depth_series(folder, run.depth);
+  evaluate_pictures(metrics, log, folder, frames, run);
   if (!set_timing_metrics(metrics, log + ".timing.json")) {
     run.notes.push_back("there is no " + std::filesystem::path(log).filename().string() +
                         ".timing.json beside the log (replay writes it): no times per event");

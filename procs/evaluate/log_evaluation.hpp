@@ -2,13 +2,16 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "evaluate/metrics.hpp"
 
 namespace gastronaut::evaluation {
 
 // Writes all of the report but the plots into the existing `folder` and returns the figures, with
-// what could not be evaluated as note.1, note.2 and so on. Throws std::runtime_error.
-Metrics evaluate_log(const std::string& log, const std::string& folder);
+// what could not be evaluated as note.1, note.2 and so on. `frames`: numbers of the pictures to
+// show; none: a few. Throws std::runtime_error.
+Metrics evaluate_log(const std::string& log, const std::string& folder,
+                     const std::vector<std::size_t>& frames = {});
 
 }  // namespace gastronaut::evaluation

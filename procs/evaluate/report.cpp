@@ -8,7 +8,6 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <numbers>
-#include <opencv2/imgcodecs.hpp>
 #include <stdexcept>
 
 #include "evaluate/report_script.hpp"
@@ -17,8 +16,6 @@ namespace gastronaut::evaluation {
 namespace {
 
 constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
-// Counts of the example pictures, 20 micrometres each: 16 bits reach 1.3 m.
-constexpr double kExampleCountsPerMetre = 50000;
 
 class TextFile {
  public:
@@ -32,7 +29,7 @@ class TextFile {
   TextFile& operator=(const TextFile&) = delete;
 
   void text(const std::string& words) { std::fputs(words.c_str(), file_); }
-  void time(std::int64_t utime) { std::fprintf(file_, "%lld", static_cast<long long>(utime)); }
+  void first(std::int64_t value) { std::fprintf(file_, "%lld", static_cast<long long>(value)); }
   void number(double value) { std::fprintf(file_, ",%.9g", value); }
   void numbers(const Eigen::Vector3d& values) {
     for (const double value : values) number(value);
@@ -82,7 +79,7 @@ void write_pose_series(const std::string& path, const PoseChannel& channel,
   for (std::size_t i = 0; i < channel.fixes.size(); ++i) {
     const PoseFix& fix = channel.fixes[i];
     const FixErrors& errors = evaluation.fixes[i];
-    file.time(fix.utime);
+    file.first(fix.utime);
     file.number(fix.status);
     file.number(channel.usable(fix) ? 1 : 0);
     file.pose(errors.aligned);
@@ -111,7 +108,7 @@ void write_truth_series(const std::string& path, const TruthTrack& truth) {
   TextFile file(path);
   file.text("utime,x,y,z,qw,qx,qy,qz\n");
   for (std::size_t i = 0; i < truth.size(); ++i) {
-    file.time(truth.utimes()[i]);
+    file.first(truth.utimes()[i]);
     file.pose(truth.poses()[i]);
     file.text("\n");
   }
@@ -120,31 +117,36 @@ void write_truth_series(const std::string& path, const TruthTrack& truth) {
 
 void write_depth_series(const std::string& folder, const DepthSeries& depth) {
   TextFile file(folder + "/DEPTH.csv");
-  file.text("utime,mean_abs,rmse,relative,mean_abs_scaled,scale,coverage\n");
+  file.text("utime,mean_abs,rmse,relative,bias,mean_abs_scaled,scale,coverage,normalised_error\n");
   for (const DepthFrame& frame : depth.frames) {
-    file.time(frame.utime);
-    file.number(frame.errors.mean_absolute());
-    file.number(frame.errors.rmse());
-    file.number(frame.errors.mean_relative());
+    const ErrorSums& compared = frame.errors.compared;
+    file.first(frame.utime);
+    file.number(compared.mean_absolute());
+    file.number(compared.rmse());
+    file.number(compared.mean_relative());
+    file.number(compared.bias());
     file.number(frame.errors.mean_absolute_scaled());
-    file.number(frame.errors.scale);
+    file.number(compared.count > 0 ? frame.errors.scale : std::nan(""));
     file.number(frame.errors.coverage());
+    file.number(frame.errors.normalised_error());
     file.text("\n");
   }
   file.close();
-  int number = 0;
-  for (const DepthExample& example : depth.examples) {
-    const auto write = [&](const std::vector<float>& metres, const std::string& name) {
-      cv::Mat counts;
-      cv::Mat(example.height, example.width, CV_32F, const_cast<float*>(metres.data()))
-          .convertTo(counts, CV_16U, kExampleCountsPerMetre);
-      const std::string path = folder + "/depth_" + std::to_string(number) + "_" + name + ".png";
-      if (!cv::imwrite(path, counts)) throw std::runtime_error("cannot write " + path);
-    };
-    write(example.estimate, "estimate");
-    write(example.truth, "truth");
-    ++number;
+
+  TextFile profile(folder + "/DEPTH_by_distance.csv");
+  profile.text("count,near,far,truth_pixels,mean_abs,rmse,bias\n");
+  for (std::size_t i = 0; i < DepthProfile::kBins; ++i) {
+    const DepthProfile::Bin& bin = depth.profile.bins()[i];
+    profile.first(static_cast<std::int64_t>(bin.compared.count));
+    profile.number(static_cast<double>(i) * DepthProfile::kBinWidth);
+    profile.number(static_cast<double>(i + 1) * DepthProfile::kBinWidth);
+    profile.number(static_cast<double>(bin.truth_pixels));
+    profile.number(bin.compared.mean_absolute());
+    profile.number(bin.compared.rmse());
+    profile.number(bin.compared.bias());
+    profile.text("\n");
   }
+  profile.close();
 }
 
 bool set_timing_metrics(Metrics& metrics, const std::string& path) {

@@ -26,6 +26,7 @@ void write_metrics(const std::string& path, const Metrics& metrics);
 void write_pose_series(const std::string& path, const PoseChannel& channel,
                        const PoseEvaluation& evaluation, std::span<const BoundSample> bounds);
 void write_truth_series(const std::string& path, const TruthTrack& truth);
+// One row a frame, and one row a bin of true distance.
 void write_depth_series(const std::string& folder, const DepthSeries& depth);
 
 // What replay measured of the processes, from DERIVED.lcmlog.timing.json; false: no such file.

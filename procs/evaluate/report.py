@@ -5,7 +5,6 @@ GASTRONAUT_SURFACE. Reads metrics.json and the CSV series that evaluate wrote.
 """
 
 import base64
-import glob
 import html
 import json
 import os
@@ -21,7 +20,6 @@ import numpy as np
 FOLDER = os.environ["GASTRONAUT_REPORT"]
 SURFACE = os.environ.get("GASTRONAUT_SURFACE", "")
 POSE_CHANNELS = ["MAGNETIC_POSE", "VISUAL_POSE", "CAPSULE_STATE", "CAPSULE_POSE", "ESTIMATE"]
-EXAMPLE_COUNTS_PER_METRE = 50000.0  # as report.cpp writes the depth pictures
 
 TRUTH, ESTIMATE, BAND, BOUND, BAD = "#374151", "#2563eb", "#93c5fd", "#059669", "#dc2626"
 STATUS_COLOURS = ["#10b981", "#f59e0b", "#8b5cf6", "#dc2626", "#ec4899", "#6b7280"]
@@ -57,7 +55,12 @@ TARGETS = [
     ("CAPSULE_STATE.rpe.5mm.trans.mean", "Drift over 5 mm", 1e3, "mm", 0.1, ""),
     ("CAPSULE_STATE.rpe.5deg.rot_deg.mean", "Drift over 5°", 1, "°", 0.1, ""),
     ("CAPSULE_STATE.nees.mean", "Fused NEES, mean", 1, "", NEES_BAND, "95 % band"),
-    ("DEPTH.mean_abs", "Depth, mean absolute error", 1e3, "mm", 1.5, "at 30 to 45 mm"),
+    ("DEPTH.30_to_45mm.mean_abs", "Depth, mean absolute error", 1e3, "mm", 1.5, "at 30 to 45 mm"),
+    ("DEPTH.mean_abs", "Depth, mean absolute error", 1e3, "mm", NO_TARGET, "at whatever distance"),
+    ("DEPTH.mean_abs_scaled", "Depth, the same after median scaling", 1e3, "mm", NO_TARGET,
+     "at whatever distance"),
+    ("DEPTH.coverage", "Depth, share of pixels given", 100, "%", NO_TARGET, ""),
+    ("DEPTH.normalised_error", "Depth error / claimed σ, RMS", 1, "×", NO_TARGET, "honest is 1"),
     ("magnetic_localizer.ms_per_event.median", "Magnetic fix, median time", 1e3, "µs", 25,
      "64 x 3 channels, warm"),
 ]
@@ -374,51 +377,187 @@ def plot_depth_series(depth, start):
     figure, (error, scale) = plt.subplots(2, 1, figsize=(11, 5), sharex=True)
     error.plot(time, depth["mean_abs"] * 1e3, color=ESTIMATE, lw=1, label="mean absolute")
     error.plot(time, depth["mean_abs_scaled"] * 1e3, color=BOUND, lw=1, label="after median scaling")
+    error.plot(time, depth["bias"] * 1e3, color=BAND, lw=1, label="mean (bias)")
+    error.axhline(0, color=TRUTH, lw=0.5)
     error.set_ylabel("depth error [mm]")
-    error.set_ylim(bottom=0)
     legend_above(error)
-    scale.plot(time, depth["scale"], color=TRUTH, lw=1, label="scale, true / estimated")
+    scale.axhline(1, color=TRUTH, lw=0.5)
+    scale.plot(time, depth["scale"], color=TRUTH, lw=1, label="frame scale, true / estimated")
     scale.plot(time, depth["coverage"], color=BAD, lw=1, label="coverage")
+    scale.set_ylabel("[1]")
     legend_above(scale)
     scale.set_xlabel("time [s]")
-    figure.suptitle("DEPTH: errors")
+    figure.suptitle("DEPTH: errors and scale of the frames")
     figure.tight_layout()
     return save(figure, "DEPTH_errors")
 
 
-def plot_depth_pictures():
-    numbers = sorted(int(os.path.basename(path).split("_")[1])
-                     for path in glob.glob(os.path.join(FOLDER, "depth_*_truth.png")))
-    if not numbers:
+def plot_depth_by_distance(bins):
+    """Errors against true distance, above the share of pixels that are there."""
+    given = bins["count"] > 0
+    if not np.any(given):
         return None
-
-    def read(number, kind):
-        path = os.path.join(FOLDER, f"depth_{number}_{kind}.png")
-        picture = plt.imread(path) * (65535 / EXAMPLE_COUNTS_PER_METRE) * 1e3
-        return np.where(picture > 0, picture, np.nan)
-
-    figure, axes = plt.subplots(3, len(numbers), figsize=(2.1 * len(numbers) + 1, 5.6),
-                                squeeze=False)
-    for column, number in enumerate(numbers):
-        truth, estimate = read(number, "truth"), read(number, "estimate")
-        low, high = np.nanpercentile(truth, [1, 99])
-        limit = max(1e-3, np.nanpercentile(np.abs(estimate - truth), 95)) \
-            if np.any(np.isfinite(estimate - truth)) else 1
-        views = [(truth, "viridis", low, high, "truth [mm]"),
-                 (estimate, "viridis", low, high, "estimate [mm]"),
-                 (estimate - truth, "RdBu", -limit, limit, "error [mm]")]
-        for row, (picture, colours, least, most, label) in enumerate(views):
-            axis = axes[row][column]
-            shown = axis.imshow(picture, cmap=colours, vmin=least, vmax=most)
-            axis.set_xticks([])
-            axis.set_yticks([])
-            axis.grid(False)
-            figure.colorbar(shown, ax=axis, fraction=0.046, pad=0.04)
-            if column == 0:
-                axis.set_ylabel(label)
-    figure.suptitle("DEPTH: pictures spread over the log")
+    middle = 500 * (bins["near"] + bins["far"])
+    # A handful of pixels at the far end would make a ragged tail.
+    enough = bins["count"] > 1e-4 * bins["count"].sum()
+    figure, (error, share) = plt.subplots(2, 1, figsize=(11, 5), sharex=True,
+                                          gridspec_kw={"height_ratios": [3, 1]})
+    bias, rmse = bins["bias"][enough] * 1e3, bins["rmse"][enough] * 1e3
+    spread = np.sqrt(np.maximum(rmse**2 - bias**2, 0))
+    error.fill_between(middle[enough], bias - spread, bias + spread, color=BAND, alpha=0.4, lw=0,
+                       label="mean ± standard deviation")
+    error.plot(middle[enough], bias, color=ESTIMATE, lw=1.2, label="mean (bias)")
+    error.plot(middle[enough], bins["mean_abs"][enough] * 1e3, color=TRUTH, lw=1.2,
+               label="mean absolute")
+    error.axhline(0, color=TRUTH, lw=0.5)
+    error.set_ylabel("depth error [mm]")
+    legend_above(error)
+    width = 1e3 * (bins["far"] - bins["near"])
+    truth = 100 / bins["truth_pixels"].sum()
+    share.bar(middle, bins["truth_pixels"] * truth, width, color="#d1d5db", label="true depth")
+    share.bar(middle, bins["count"] * truth, width, color=ESTIMATE, alpha=0.6, label="estimated")
+    share.set_xlim(0, 1e3 * bins["far"][bins["truth_pixels"] > 0].max())
+    share.set_ylabel("pixels [%]")
+    share.set_xlabel("true distance along the optical axis [mm]")
+    legend_above(share)
+    figure.suptitle("DEPTH: errors against true distance")
+    figure.align_ylabels()
     figure.tight_layout()
-    return save(figure, "DEPTH_pictures")
+    return save(figure, "DEPTH_by_distance")
+
+
+def short(text):
+    """Three digits of a decimal number; other text as it is."""
+    try:
+        return f"{float(text):.3g}"
+    except ValueError:
+        return text
+
+
+class FrameView:
+    """The pictures of one frame as frame_views.cpp wrote them."""
+
+    def __init__(self, entry):
+        self.entry = entry
+        self.number = entry["number"]
+
+    def raw(self, kind):
+        name = self.entry["files"].get(kind)
+        return None if name is None else plt.imread(os.path.join(FOLDER, "frames", name))
+
+    def millimetres(self, kind):
+        picture = self.raw(kind)
+        if picture is None:
+            return None
+        counts = np.round(picture * 65535)
+        return np.where(counts > 0, counts * self.entry["metres_per_count"] * 1e3, np.nan)
+
+    def error(self):
+        truth, estimate = self.millimetres("truth"), self.millimetres("depth_at_truth")
+        return None if truth is None or estimate is None else estimate - truth
+
+    def normals(self):
+        """Red: to the right, green: up, blue: to the camera, each from -1 to 1; clear: none."""
+        depth = self.millimetres("depth")
+        if depth is None or min(depth.shape) < 3:
+            return None
+        fx, fy, cx, cy = self.entry["pinhole"]
+        u, v = np.meshgrid(np.arange(depth.shape[1]), np.arange(depth.shape[0]))
+        points = np.stack([(u - cx) / fx * depth, (v - cy) / fy * depth, depth], axis=-1)
+        down, right = np.gradient(points, axis=(0, 1))
+        normals = np.cross(down, right)  # x right, y down: this one faces the camera
+        with np.errstate(invalid="ignore", divide="ignore"):
+            normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+        colours = (1 + normals * np.array([1, -1, -1])) / 2
+        given = np.all(np.isfinite(colours), axis=-1, keepdims=True)
+        return np.concatenate([np.where(given, colours, 0), given], axis=-1)
+
+    def title(self):
+        parts = [f"frame {self.number}, {self.entry['seconds']:.2f} s"]
+        error, truth = self.error(), self.millimetres("truth")
+        if error is not None and np.any(np.isfinite(error)):
+            seen = np.isfinite(error)
+            scale = np.median(truth[seen]) / np.median((truth + error)[seen])
+            parts.append(f"mean absolute error {np.mean(np.abs(error[seen])):.2f} mm")
+            parts.append(f"frame scale {scale:.3f}")
+        if self.entry.get("relative_std"):
+            parts.append(f"claimed σ {100 * self.entry['relative_std']:.1f} %")
+        lines = [",   ".join(parts)]
+        metadata = [f"{key} {short(value)}" for key, value in self.entry["metadata"].items()]
+        if metadata:
+            lines.append(",   ".join(metadata))
+        return "\n".join(line.replace("$", "\\$")[:200] for line in lines)
+
+
+def round_up(value):
+    """The next of 1, 1.5, 2, 3, 5, 7, 10, 15, ..."""
+    power = 10 ** np.floor(np.log10(value))
+    return next(step * power for step in (1, 1.5, 2, 3, 5, 7, 10)
+                if step * power >= value * (1 - 1e-9))
+
+
+def plot_frame(frame, error_limit):
+    figure, axes = plt.subplots(2, 4, figsize=(16, 6.2), gridspec_kw={"wspace": 0.2, "hspace": 0.14})
+
+    def show(axis, picture, title, absent, **style):
+        axis.set_xticks([])
+        axis.set_yticks([])
+        axis.grid(False)
+        axis.set_title(title, fontsize=9)
+        axis.set_facecolor("#d1d5db")  # seen where there is no value
+        if picture is None:
+            axis.text(0.5, 0.5, absent, ha="center", va="center", color="#374151",
+                      transform=axis.transAxes)
+            return
+        shown = axis.imshow(picture, interpolation="nearest", **style)
+        if picture.ndim == 2:  # the bar stands beside the picture, which stays as large as the others
+            bar = axis.inset_axes([1.02, 0, 0.035, 1])
+            bar.grid(False)
+            figure.colorbar(shown, cax=bar)
+
+    photo, albedo, vessels = frame.raw("input"), frame.raw("albedo"), frame.raw("vessels")
+    depth, truth, error = frame.millimetres("depth"), frame.millimetres("truth"), frame.error()
+    masked, mask_title = photo, "left out (red)"
+    if albedo is not None:
+        empty = albedo == 0
+        mask_title = f"left out (red): {100 * np.mean(empty):.1f} %"
+        base = photo if photo is not None and photo.shape[:2] == albedo.shape else \
+            np.repeat(albedo[..., None], 3, axis=2)
+        masked = np.where(empty[..., None], 0.35 * base + 0.65 * np.array([0.9, 0.1, 0.1]), base)
+    show(axes[0][0], photo, "input, undistorted", "no usable picture")
+    show(axes[0][1], masked if albedo is not None else None, mask_title, "no ALBEDO")
+    show(axes[0][2], vessels, "vessel response [0..1]", "no VESSELS", cmap="magma", vmin=0, vmax=1)
+    show(axes[0][3], albedo, "albedo, vessels enhanced [0..1]", "no ALBEDO", cmap="gray", vmin=0,
+         vmax=1)
+
+    known = [picture[np.isfinite(picture)] for picture in (truth, depth) if picture is not None]
+    known = next((values for values in known if values.size), np.array([0.0, 1.0]))
+    low, high = np.percentile(known, [1, 99])
+    given = 0 if depth is None else 100 * np.mean(np.isfinite(depth))
+    distance = {"cmap": "viridis", "vmin": low, "vmax": max(high, low + 1e-3)}
+    show(axes[1][0], depth, f"depth [mm], {given:.1f} % given", "no DEPTH", **distance)
+    show(axes[1][1], frame.normals(), "normals (red →, green ↑, blue to the lens)",
+         "no DEPTH")
+    show(axes[1][2], truth, "true depth [mm]", "no truth", **distance)
+    error_title = "depth error [mm]"
+    if error is not None and np.any(np.isfinite(error)):
+        percentiles = np.percentile(error[np.isfinite(error)], [5, 50, 95])
+        error_title += "; 5, 50, 95 %: " + ", ".join(f"{value:+.1f}" for value in percentiles)
+    show(axes[1][3], error, error_title, "no truth", cmap="RdBu_r", vmin=-error_limit,
+         vmax=error_limit)
+    figure.suptitle(frame.title(), fontsize=10)
+    return save(figure, f"frame_{frame.number:06d}")
+
+
+def plot_frames():
+    """All with the same colours for errors, so that they can be compared."""
+    with open(os.path.join(FOLDER, "frames", "frames.json"), encoding="utf-8") as file:
+        frames = [FrameView(entry) for entry in json.load(file)]
+    errors = [error[np.isfinite(error)] for error in (frame.error() for frame in frames)
+              if error is not None]
+    errors = np.abs(np.concatenate(errors)) if errors else np.array([])
+    limit = round_up(max(np.percentile(errors, 90), 0.1)) if errors.size else 1
+    return [plot_frame(frame, limit) for frame in frames]
 
 
 def number(value):
@@ -466,6 +605,41 @@ def error_rows(metrics, channels):
         rows.append(f"<tr><td>{channel.name}</td>"
                     + "".join(f"<td class=n>{cell}</td>" for cell in cells) + "</tr>")
     return "".join(rows)
+
+
+def distance_rows(metrics):
+    rows = []
+    for band in ("5_to_15mm", "15_to_30mm", "30_to_45mm", "45_to_70mm", "over_70mm"):
+        get = lambda key: metrics.get(f"DEPTH.{band}.{key}")
+        if not get("count"):
+            continue
+        length = lambda key: f"{1e3 * get(key):.3g} mm"
+        cells = [number(get("count")), f"{100 * get('coverage'):.1f} %", length("mean_abs"),
+                 length("rmse"), f"{100 * get('relative'):.2g} %", length("bias")]
+        rows.append(f"<tr><td>{band.replace('_', ' ').replace('mm', ' mm')}</td>"
+                    + "".join(f"<td class=n>{cell}</td>" for cell in cells) + "</tr>")
+    return "".join(rows)
+
+
+def constancy(metrics):
+    rows = "".join(
+        f"<tr><td>{label}</td>" + "".join(
+            f"<td class=n>{number(metrics.get(f'{kind}.{figure}'))}</td>"
+            for figure in ("spread", "contrast", "spread_over_contrast", "local_contrast",
+                           "spread_over_local_contrast")) + "</tr>"
+        for kind, label in [("albedo", "ALBEDO"), ("luminance", "luminance of the picture"),
+                            ("clahe", "the same with equalised contrast (CLAHE)")]
+        if f"{kind}.spread" in metrics)
+    if not rows:
+        return ""
+    words = (f"<p class=dim>{number(metrics['constancy.points'])} points followed for up to 2 s "
+             "with true depth and pose; their distance from the lens changed by a factor of "
+             f"{metrics['constancy.distance_ratio']:.2f} (median). Spread: standard deviation of a "
+             "point's values / their mean, median over the points; contrast: the same over the "
+             "mean values of the points of a picture, to which the lamp's fall-off across the "
+             "picture adds; local contrast: between neighbours alone.</p>")
+    return words + table(["", "#spread", "#contrast", "#spread / contrast", "#local contrast",
+                          "#spread / local contrast"], rows)
 
 
 STYLE = """
@@ -528,6 +702,10 @@ def page(metrics, channels, plots):
                              + "</ul>", "warn"))
     parts.append(section("Targets", table(["what", "#measured", "#target", "", "target holds"],
                                           summary_rows(metrics))))
+    parts.append(section("Depth by true distance", table(
+        ["distance", "#pixels", "#given", "#mean absolute", "#RMS", "#relative", "#bias"],
+        distance_rows(metrics))))
+    parts.append(section("Does a surface point keep its value?", constancy(metrics)))
     parts.append(section("Errors", table(
         ["channel", "#scored / all", "#available", "#RMS", "#median", "#max", "#RMS SE(3)",
          "#RMS Sim(3)", "#rotation"], error_rows(metrics, channels))))
@@ -577,7 +755,10 @@ def main():
             plot_trajectory(channel, surface), plot_errors(channel), plot_histograms(channel),
             plot_consistency(channel), plot_relative(channel), plot_magnetics(channel)]))
     if depth is not None:
-        plots.append(("DEPTH", [plot_depth_series(depth, start), plot_depth_pictures()]))
+        plots.append(("DEPTH", [plot_depth_series(depth, start),
+                                plot_depth_by_distance(load_series("DEPTH_by_distance"))]))
+    if metrics.get("frames.shown"):
+        plots.append(("Pictures", plot_frames()))
     with open(os.path.join(FOLDER, "index.html"), "w", encoding="utf-8") as file:
         file.write(page(metrics, channels, plots))
 

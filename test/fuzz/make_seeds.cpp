@@ -1,5 +1,7 @@
 // make_seeds FOLDER: writes FOLDER/TARGET/N for every fuzz target and the list FOLDER/TARGET.list
 // that libFuzzer reads.
+#include <turbojpeg.h>
+
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -119,6 +121,28 @@ void write(const std::string& folder, const std::string& target, const std::vect
 }  // namespace
 }  // namespace gastronaut
 
+// Four bytes of format, sizes and stride (see picture_fuzz.cpp), then a picture of 32 x 24.
+std::vector<std::string> pictures() {
+  constexpr int kWidth = 32;
+  constexpr int kHeight = 24;
+  std::string rgb;
+  for (int i = 0; i < kWidth * kHeight; ++i) {
+    rgb += {static_cast<char>(150 + i % 50), static_cast<char>(90 + i % 40), '\x50'};
+  }
+  const tjhandle compressor = tjInitCompress();
+  unsigned char* buffer = nullptr;
+  unsigned long size = 0;
+  constexpr int kQuality = 85;
+  tjCompress2(compressor, reinterpret_cast<const unsigned char*>(rgb.data()), kWidth, 0, kHeight,
+              TJPF_RGB, &buffer, &size, TJSAMP_420, kQuality, 0);
+  const std::string jpeg(reinterpret_cast<const char*>(buffer), size);
+  tjFree(buffer);
+  tjDestroy(compressor);
+  const std::string mjpeg_header("\0\1\1\1", 4);
+  const std::string rgb_header("\2\1\1\1", 4);
+  return {mjpeg_header + jpeg, mjpeg_header + jpeg.substr(0, jpeg.size() / 2), rgb_header + rgb};
+}
+
 int main(int argc, char** argv) {
   using namespace gastronaut;
   if (argc != 2) return 2;
@@ -133,4 +157,5 @@ int main(int argc, char** argv) {
   for (int i = 0; i < 256; ++i) numbers.push_back(static_cast<char>(i * 37));
   write(folder, "camera_model", {numbers});
   write(folder, "event_order", {numbers});
+  write(folder, "picture", pictures());
 }

@@ -45,6 +45,22 @@ Picture draw(const CameraConfiguration& camera, const std::function<double(int, 
   return picture;
 }
 
+// A grain of sharp squares, blurred by a box of the given width.
+Picture grain(const CameraConfiguration& camera, int blur_u, int blur_v, double contrast) {
+  const auto sharp = [](int u, int v) {
+    const auto hash =
+        static_cast<std::uint32_t>(u / 3 * 73856093) ^ static_cast<std::uint32_t>(v / 3 * 19349663);
+    return ((hash * 2654435761u) >> 31) != 0u ? 1.0 : 0.0;
+  };
+  return draw(camera, [=](int u, int v) {
+    double sum = 0;
+    for (int b = 0; b < blur_v; ++b) {
+      for (int a = 0; a < blur_u; ++a) sum += sharp(u + a + 100, v + b + 100);
+    }
+    return contrast * (90 + 70 * sum / (blur_u * blur_v));
+  });
+}
+
 LinearPicture see(const CameraConfiguration& camera, const Picture& picture) {
   LinearPicture seen;
   EXPECT_THAT(FrontEnd(camera).process(picture.encoded(camera), seen), IsEmpty());
@@ -107,7 +123,7 @@ TEST_P(EveryLens, PixelsThatTheLensDoesNotSeeAreOutside) {
   configuration.distortion.assign(4, 0);
   configuration.distortion[0] = GetParam() == LensModel::kFisheye ? 0.4 : 0.2;
   const CameraModel lens(configuration.intrinsics());
-  const LinearPicture seen = see(configuration, draw(configuration, [](int, int) { return 120; }));
+  const LinearPicture seen = see(configuration, grain(configuration, 1, 1, 1));
   for (int v = 0; v < configuration.height; v += 7) {
     for (int u = 0; u < configuration.width; u += 7) {
       const auto pixel = lens.project({(u - configuration.cx) / configuration.fx,
@@ -145,22 +161,6 @@ TEST(FrontEnd, SaturationIsSaidChannelByChannel) {
   EXPECT_DOUBLE_EQ(seen.quality.dark_fraction, 0);
 }
 
-// A grain of sharp squares, blurred by a box of the given width.
-Picture grain(const CameraConfiguration& camera, int blur_u, int blur_v, double contrast) {
-  const auto sharp = [](int u, int v) {
-    const auto hash =
-        static_cast<std::uint32_t>(u / 3 * 73856093) ^ static_cast<std::uint32_t>(v / 3 * 19349663);
-    return ((hash * 2654435761u) >> 31) != 0u ? 1.0 : 0.0;
-  };
-  return draw(camera, [=](int u, int v) {
-    double sum = 0;
-    for (int b = 0; b < blur_v; ++b) {
-      for (int a = 0; a < blur_u; ++a) sum += sharp(u + a + 100, v + b + 100);
-    }
-    return contrast * (90 + 70 * sum / (blur_u * blur_v));
-  });
-}
-
 TEST(FrontEnd, SharpnessFallsWithDefocusAndWithMotion) {
   const CameraConfiguration camera = small_camera();
   double last = 1;
@@ -181,18 +181,22 @@ TEST(FrontEnd, SharpnessDoesNotDependOnBrightness) {
               see(camera, grain(camera, 3, 3, 1)).quality.sharpness, kRoundingToLevels);
 }
 
-TEST(FrontEnd, BlackAndWhitePicturesAreFailuresDimOnesAreNot) {
+TEST(FrontEnd, BlackWhiteAndVeiledPicturesAreFailuresDimOnesAreNot) {
   const CameraConfiguration camera = small_camera();
   FrontEnd front_end(camera);
   LinearPicture seen;
-  const auto failure = [&](double level) {
-    Picture picture;
-    picture.rgb.assign(3 * 160 * 120, static_cast<std::uint8_t>(level));
+  const auto failure = [&](const Picture& picture) {
     return front_end.process(picture.encoded(camera), seen);
   };
-  EXPECT_THAT(failure(3), HasSubstr("black"));
-  EXPECT_THAT(failure(255), HasSubstr("white"));
-  EXPECT_THAT(failure(25), IsEmpty());
+  const auto even = [](int level) {
+    Picture picture;
+    picture.rgb.assign(3 * 160 * 120, static_cast<std::uint8_t>(level));
+    return picture;
+  };
+  EXPECT_THAT(failure(even(3)), HasSubstr("black"));
+  EXPECT_THAT(failure(even(255)), HasSubstr("white"));
+  EXPECT_THAT(failure(even(120)), HasSubstr("veiled"));
+  EXPECT_THAT(failure(grain(camera, 2, 2, 0.2)), IsEmpty());
 }
 
 TEST(FrontEnd, SameBytesOnOneThreadAndMany) {

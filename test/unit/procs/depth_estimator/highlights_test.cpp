@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <vector>
 
@@ -73,6 +74,23 @@ TEST(Highlights, BrightFoldOfTissueIsNone) {
       for (int c = 0; c < 3; ++c) {
         std::uint8_t& value = rgb[static_cast<std::size_t>(3 * (v * kWidth + u) + c)];
         value = static_cast<std::uint8_t>(std::min(255.0, 1.5 * value));
+      }
+    }
+  }
+  Plane<std::uint8_t> mask;
+  find_highlights(rgb.data(), kWidth, kHeight, mask);
+  EXPECT_EQ(count(mask), 0);
+}
+
+// Seen in real capsules' pictures: a pale fold rises out of blood. Both whiter and brighter than
+// what is around it, and still tissue.
+TEST(Highlights, PaleTissueBesideDarkIsNone) {
+  std::vector<std::uint8_t> rgb;
+  for (int v = 0; v < kHeight; ++v) {
+    for (int u = 0; u < kWidth; ++u) {
+      const bool pale = v >= 40 && v < 70;
+      for (const int level : pale ? std::array{210, 170, 140} : std::array{120, 40, 30}) {
+        rgb.push_back(static_cast<std::uint8_t>(level));
       }
     }
   }

@@ -216,6 +216,11 @@ TEST_F(LogEvaluationTest, FindsTheErrorsThatWerePutIn) {
   EXPECT_NEAR(metrics["DEPTH.mean_abs"], kDepthError, kHalfCount);
   EXPECT_NEAR(metrics["DEPTH.mean_abs_scaled"], 0, kHalfCount);
   EXPECT_EQ(metrics["DEPTH.coverage"], 1);
+  EXPECT_NEAR(metrics["DEPTH.bias"], kDepthError, kHalfCount);
+  EXPECT_EQ(metrics["DEPTH.30_to_45mm.count"], 80 * 32 * 24);
+  EXPECT_NEAR(metrics["DEPTH.30_to_45mm.mean_abs"], kDepthError, kHalfCount);
+  EXPECT_EQ(metrics["DEPTH.15_to_30mm.count"], 0);
+  EXPECT_FALSE(metrics.contains("DEPTH.normalised_error"));  // DEPTH says no sigma
   EXPECT_GT(metrics["MAGNETIC_POSE.cramer_rao.position_rms"], 0);
   EXPECT_NEAR(metrics["MAGNETIC_POSE.cramer_rao.count"], kReadings - 4, 0);
   // The array is 85 mm above the rig's origin, around which the capsule goes.
@@ -322,12 +327,14 @@ class EvaluateProgramTest : public LogEvaluationTest {
 
 TEST_F(EvaluateProgramTest, DrawsOnePageWithItsPlotsInside) {
   write_log(log_, {});
-  ASSERT_EQ(run("'" + log_ + "' --out '" + folder_ + "/report'"), 0);
+  ASSERT_EQ(run("--frames 0,79 '" + log_ + "' --out '" + folder_ + "/report'"), 0);
   for (const char* plot : {"trajectory", "errors", "histogram", "consistency", "relative", "fit"}) {
     EXPECT_TRUE(std::filesystem::exists(folder_ + "/report/MAGNETIC_POSE_" + plot + ".png"))
         << plot;
   }
-  EXPECT_TRUE(std::filesystem::exists(folder_ + "/report/DEPTH_pictures.png"));
+  for (const char* plot : {"DEPTH_errors", "DEPTH_by_distance", "frame_000000", "frame_000079"}) {
+    EXPECT_TRUE(std::filesystem::exists(folder_ + "/report/" + plot + ".png")) << plot;
+  }
   std::ifstream file(folder_ + "/report/index.html");
   const std::string page(std::istreambuf_iterator<char>(file), {});
   EXPECT_THAT(page, HasSubstr("synthetic"));
@@ -341,6 +348,7 @@ TEST_F(EvaluateProgramTest, ExitStatusTellsWrongUseFromFailure) {
   EXPECT_EQ(run("--version"), 0);
   EXPECT_EQ(run(""), 2);
   EXPECT_EQ(run("'" + log_ + "'"), 2);
+  EXPECT_EQ(run("'" + log_ + "' --out '" + folder_ + "/report' --frames first"), 2);
   EXPECT_EQ(run("/nonexistent.lcmlog --out '" + folder_ + "/report'"), 2);
   EXPECT_EQ(run("trajectories '" + log_ + "'"), 2);
   std::ofstream(folder_ + "/empty.lcmlog");

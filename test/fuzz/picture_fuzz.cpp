@@ -1,0 +1,75 @@
+// Any bytes as a picture: a failure in words, or depth within its bounds and albedo; and whatever
+// came before, the next good picture works.
+#include <turbojpeg.h>
+
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "depth_estimator/depth_estimator.hpp"
+#include "fuzz_check.hpp"
+
+using namespace gastronaut;
+using namespace gastronaut::perception;
+
+namespace {
+
+constexpr int kWidth = 32;
+constexpr int kHeight = 24;
+
+RigConfiguration small_rig() {
+  RigConfiguration rig;
+  rig.camera.width = kWidth;
+  rig.camera.height = kHeight;
+  rig.camera.fx = rig.camera.fy = 16.6;
+  rig.camera.cx = 16.2;
+  rig.camera.cy = 11.8;
+  rig.camera.distortion = {-0.12, 0.018, 0.0002, -0.0001};
+  return rig;
+}
+
+EncodedPicture good_picture() {
+  static const std::vector<std::uint8_t> rgb = [] {
+    std::vector<std::uint8_t> pixels;
+    for (int i = 0; i < kWidth * kHeight; ++i) {
+      const int grain = (i / 5 * 7919 + i / kWidth / 3 * 104729) % 30;
+      for (const int level : {160, 100, 90}) {
+        pixels.push_back(static_cast<std::uint8_t>(level + grain));
+      }
+    }
+    return pixels;
+  }();
+  return {kWidth, kHeight, 3 * kWidth, PixelFormat::kRgb, rgb};
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
+  static const RigConfiguration rig = small_rig();
+  static DepthEstimator estimator(rig);
+  if (size < 4) return 0;
+  EncodedPicture picture;
+  picture.format = static_cast<PixelFormat>(bytes[0] % 4);
+  const bool right_size = bytes[1] % 8 != 0;
+  picture.width = right_size ? kWidth : bytes[1] - 4;
+  picture.height = right_size ? kHeight : bytes[2] - 4;
+  const int channels = picture.format == PixelFormat::kGray ? 1 : 3;
+  picture.row_stride = bytes[3] % 4 != 0 ? channels * kWidth : bytes[3] - 128;
+  picture.data = {bytes + 4, size - 4};
+
+  const Perception& seen = estimator.estimate(picture, 1.0);
+  if (seen.failure.empty()) {
+    for (const float depth : seen.depth.values) {
+      promise(depth == 0 || (depth >= static_cast<float>(0.99 * rig.depth_estimator.min_depth) &&
+                             depth <= static_cast<float>(1.01 * rig.depth_estimator.max_depth)),
+              "depth is none or within its bounds");
+    }
+    promise(seen.relative_std > 0, "depth comes with its uncertainty");
+    promise(std::isfinite(seen.quality.sharpness), "sharpness is a number");
+  } else {
+    for (const float depth : seen.depth.values) promise(depth == 0, "a failure has no depth");
+  }
+  promise(estimator.estimate(good_picture(), 1.0).failure.empty(), "the next good picture works");
+  return 0;
+}
