@@ -1,6 +1,8 @@
 #include "bus/bus.hpp"
 
 #include <algorithm>
+#include <charconv>
+#include <limits>
 #include <memory>
 
 namespace gastronaut {
@@ -32,6 +34,18 @@ bool Bus::accept(DecodeResult result, std::size_t number) {
   ++(result == DecodeResult::kForeign ? counters_.foreign : counters_.corrupt);
   ++inputs_[number].bad;
   return false;
+}
+
+std::optional<std::int64_t> Bus::parse_seq(const std::string& text) {
+  std::int64_t seq = 0;
+  const char* end = text.data() + text.size();
+  const auto [parsed_to, error] = std::from_chars(text.data(), end, seq);
+  // Numbers so large that the next one is none are no sequence.
+  if (error != std::errc() || parsed_to != end || seq < 0 ||
+      seq == std::numeric_limits<std::int64_t>::max()) {
+    return std::nullopt;
+  }
+  return seq;
 }
 
 void Bus::count_gap(std::size_t number, std::int64_t seq) {
@@ -89,12 +103,6 @@ std::string Bus::describe_health() const {
   const std::string blocker = order_.blocker();
   if (!blocker.empty()) add("waiting for " + blocker);
   return text;
-}
-
-std::vector<std::string> Bus::input_channels() const {
-  std::vector<std::string> channels;
-  for (const Input& input : inputs_) channels.push_back(input.channel);
-  return channels;
 }
 
 }  // namespace gastronaut

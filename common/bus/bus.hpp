@@ -10,6 +10,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -51,6 +52,9 @@ class Bus {
       auto message = std::make_shared<Message>();
       if (!accept(decode_message(payload, *message), number)) return;
       if constexpr (requires { message->seq; }) count_gap(number, message->seq);
+      if constexpr (requires { message->metadata; }) {
+        if (const auto seq = told_seq(*message)) count_gap(number, *seq);
+      }
       push(number, message->utime, [message, handler] { handler(*message); });
     };
     listen(channel);
@@ -82,7 +86,6 @@ class Bus {
   // Health in words: what the process said, what is waited for, what is silent or damaged.
   std::string describe_health() const;
   std::size_t pending() const { return order_.pending(); }
-  std::vector<std::string> input_channels() const;
 
  protected:
   virtual void send(const std::string& channel, std::vector<std::uint8_t> payload,
@@ -96,6 +99,16 @@ class Bus {
   void skip_to_newest();
 
  private:
+  // Pictures carry their number as text in their metadata.
+  template <class Picture>
+  static std::optional<std::int64_t> told_seq(const Picture& picture) {
+    for (const auto& entry : picture.metadata) {
+      if (entry.key == "seq") return parse_seq({entry.value.begin(), entry.value.end()});
+    }
+    return std::nullopt;
+  }
+  static std::optional<std::int64_t> parse_seq(const std::string& text);
+
   struct Input {
     std::string channel;
     Overload overload = Overload::kKeepAll;

@@ -74,6 +74,27 @@ TEST_F(MemoryBusTest, GapsInSequenceNumbersAreLost) {
   EXPECT_EQ(bus_.counters().lost, 2);
 }
 
+TEST(MemoryBus, GapsInThePicturesNumbersAreLostToo) {
+  MemoryNetwork network;
+  Bus& bus = network.connect();
+  bus.subscribe<image_t>("CAMERA", kLagSeconds, [](const image_t&) {});
+  std::int64_t utime = 0;
+  // A picture without a number, or with nonsense for one, says nothing.
+  for (const char* seq : {"7", "8", "", "nonsense", "9223372036854775807", "-3", "11", "12"}) {
+    image_t picture{};
+    picture.utime = ++utime;
+    const std::string text = seq;
+    picture.nmetadata = 1;
+    picture.metadata.resize(1);
+    picture.metadata[0].key = text.empty() ? "exposure_us" : "seq";
+    picture.metadata[0].value.assign(text.begin(), text.end());
+    picture.metadata[0].n = static_cast<std::int32_t>(text.size());
+    network.inject("CAMERA", encode_message(picture));
+    network.run_until_idle();
+  }
+  EXPECT_EQ(bus.counters().lost, 2);
+}
+
 TEST_F(MemoryBusTest, SilentInputIsNamed) {
   inject("HALL_ARRAY", reading(0, 0));
   inject("HALL_ARRAY", reading(1001, 1));
