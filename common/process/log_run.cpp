@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <map>
 #include <optional>
 #include <set>
 #include <stdexcept>
@@ -63,12 +64,13 @@ LogRunResult run_on_log(const std::vector<ProcessDescription>& descriptions,
     writer.write(channel, payload, log_utime);
     ++result.messages_derived;
   });
-  std::set<std::string> replaced = {channel::kProcessStatus};
+  std::map<std::string, std::string> replaced;  // channel: its process's source
+  std::set<std::string> seen;
   std::vector<std::unique_ptr<Process>> processes;
   std::vector<Bus*> buses;
   std::vector<std::vector<double>> durations(descriptions.size());
   for (const ProcessDescription& description : descriptions) {
-    replaced.insert(description.outputs.begin(), description.outputs.end());
+    for (const std::string& output : description.outputs) replaced[output] = description.source;
     buses.push_back(&network.connect());
     processes.push_back(description.create(*buses.back(), configuration));
   }
@@ -98,7 +100,10 @@ LogRunResult run_on_log(const std::vector<ProcessDescription>& descriptions,
       continue;
     }
     if (!configuration_written) write_configuration_message(log_utime);
-    if (replaced.contains(event->channel)) continue;
+    seen.insert(event->channel);
+    const auto output = replaced.find(event->channel);
+    const bool derived_anew = output != replaced.end() && seen.contains(output->second);
+    if (derived_anew || event->channel == channel::kProcessStatus) continue;
     if (options.keep_images || event->channel != channel::kCamera) {
       writer.write(event->channel, event->payload, log_utime);
     }

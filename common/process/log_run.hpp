@@ -40,9 +40,10 @@ struct LogRunResult {
 };
 
 // Feeds every event of log_in to the processes and writes log_out: the input's events (without
-// PROCESS_STATUS and without what these processes publish anew) with the derived ones between
-// them, each recorded at the time of the event that caused it. Bytes of log_out depend on log_in,
-// configuration and code only. Throws ConfigurationError and std::runtime_error.
+// PROCESS_STATUS and without what these processes publish anew, see ProcessDescription::source)
+// with the derived ones between them, each recorded at the time of the event that caused it. Bytes
+// of log_out depend on log_in, configuration and code only. Throws ConfigurationError and
+// std::runtime_error.
 LogRunResult run_on_log(const std::vector<ProcessDescription>& processes,
                         const LogRunOptions& options,
                         const std::function<void(double fraction)>& progress);

@@ -21,8 +21,11 @@ class Process {
 };
 
 struct ProcessDescription {
-  std::string name;                  // the folder's
-  std::string summary;               // one sentence for --help
+  std::string name;     // the folder's
+  std::string summary;  // one sentence for --help
+  // The channel whose messages its outputs are about. Where a log has none of them (pictures are
+  // left out of most derived logs), the outputs that are in the log are kept.
+  std::string source;
   std::vector<std::string> outputs;  // channels it publishes: on a log they replace the log's own
   std::function<std::unique_ptr<Process>(Bus&, const RigConfiguration&)> create;
 };

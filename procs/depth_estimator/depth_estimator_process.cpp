@@ -171,6 +171,7 @@ void DepthEstimatorProcess::report_problem(const std::string& problem) {
 ProcessDescription depth_estimator_process() {
   return {"depth_estimator",
           "Metric depth, albedo and vessels from each camera picture.",
+          channel::kCamera,
           {channel::kDepth, channel::kAlbedo, channel::kVessels},
           [](Bus& bus, const RigConfiguration& configuration) {
             return std::make_unique<DepthEstimatorProcess>(bus, configuration);

@@ -119,6 +119,7 @@ void MagneticLocalizerProcess::report_problem(const std::string& problem) {
 ProcessDescription magnetic_localizer_process() {
   return {"magnetic_localizer",
           "Localises the capsule's magnet from the Hall array, the coils' field removed.",
+          channel::kHallArray,
           {channel::kMagneticPose},
           [](Bus& bus, const RigConfiguration& configuration) {
             return std::make_unique<MagneticLocalizerProcess>(bus, configuration);

@@ -32,9 +32,12 @@ class EchoProcess : public Process {
 };
 
 ProcessDescription echo() {
-  return {"echo", "Echoes.", {channel::kMagneticPose}, [](Bus& bus, const RigConfiguration& c) {
-            return std::make_unique<EchoProcess>(bus, c);
-          }};
+  return {
+      "echo",
+      "Echoes.",
+      channel::kHallArray,
+      {channel::kMagneticPose},
+      [](Bus& bus, const RigConfiguration& c) { return std::make_unique<EchoProcess>(bus, c); }};
 }
 
 class LogRunTest : public ::testing::Test {
@@ -148,6 +151,23 @@ TEST_F(LogRunTest, DamagedLogIsUsedUpToTheDamage) {
   std::filesystem::resize_file(options_.log_in, std::filesystem::file_size(options_.log_in) - 3);
   const LogRunResult result = run_on_log({echo()}, options_, {});
   EXPECT_THAT(result.damage, HasSubstr("damaged at offset"));
+  EXPECT_EQ(count_derived()[channel::kMagneticPose], kReadings);
+}
+
+TEST_F(LogRunTest, OutputsStayWhereTheLogHasNothingToDeriveThemFrom) {
+  {
+    LogWriter writer(options_.log_in);
+    rig_config_t configuration{};
+    configuration.yaml = "name: recorded\n";
+    writer.write(channel::kRigConfig, configuration);
+    for (int i = 0; i < kReadings; ++i) {
+      magnetic_pose_t derived{};
+      derived.utime = 10 + i;
+      writer.write(channel::kMagneticPose, derived);
+    }
+    writer.close();
+  }
+  run_on_log({echo()}, options_, {});
   EXPECT_EQ(count_derived()[channel::kMagneticPose], kReadings);
 }
 
