@@ -22,11 +22,11 @@ int picture_pixels_per_grid_pixel(const RigConfiguration& configuration) {
   return (configuration.camera.width + most - 1) / most;
 }
 
-DepthGrid picture_grid(const CameraConfiguration& camera) {
+PinholeGrid picture_grid(const CameraConfiguration& camera) {
   return {camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy};
 }
 
-DepthGrid depth_grid(const RigConfiguration& configuration) {
+PinholeGrid depth_grid(const RigConfiguration& configuration) {
   return picture_grid(configuration.camera).coarser(picture_pixels_per_grid_pixel(configuration));
 }
 

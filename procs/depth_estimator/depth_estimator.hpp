@@ -16,7 +16,7 @@ namespace gastronaut::perception {
 
 struct Perception {
   std::string failure;          // why the picture could not be used; empty: it could
-  DepthGrid grid;               // of depth
+  PinholeGrid grid;             // of depth
   Plane<float> depth;           // metres along the optical axis; 0: none
   double relative_std = 0;      // one sigma of depth as a fraction of it, its common scale included
   Plane<std::uint8_t> albedo;   // see LightDivider::divide; the undistorted picture's pixels

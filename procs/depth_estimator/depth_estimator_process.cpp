@@ -82,7 +82,7 @@ image_t gray_message(std::int64_t utime, const CameraConfiguration& camera,
 
 depth_image_t depth_message(std::int64_t utime, const perception::Perception& perception,
                             double metres_per_count) {
-  const perception::DepthGrid& grid = perception.grid;
+  const PinholeGrid& grid = perception.grid;
   depth_image_t message;
   message.utime = utime;
   message.width = grid.width;

@@ -28,7 +28,8 @@ void for_row_chunks(int height, const Body& body) {
 
 }  // namespace
 
-LightDivider::LightDivider(const RigConfiguration& configuration, const DepthGrid& grid, int factor)
+LightDivider::LightDivider(const RigConfiguration& configuration, const PinholeGrid& grid,
+                           int factor)
     : grid_(grid),
       factor_(factor),
       power_(configuration.camera.exposure_gain * configuration.camera.led_intensity),

@@ -14,7 +14,7 @@ namespace gastronaut::perception {
 class LightDivider {
  public:
   // `factor`: pixels of the picture to one of the grid, along each side.
-  LightDivider(const RigConfiguration& configuration, const DepthGrid& grid, int factor);
+  LightDivider(const RigConfiguration& configuration, const PinholeGrid& grid, int factor);
 
   // The picture's light per unit albedo and LED power on the grid, from red where that is not
   // saturated (blood and vessels darken it least), else from green, else from blue, each over its
@@ -30,7 +30,7 @@ class LightDivider {
  private:
   double log_power(double gain) const;
 
-  DepthGrid grid_;
+  PinholeGrid grid_;
   int factor_;
   double power_;  // exposure_gain times led_intensity, square metres
   double noise_;  // of linear light, one sigma, in the dark

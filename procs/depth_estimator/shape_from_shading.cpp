@@ -83,7 +83,7 @@ double sum_rows(const ShapeGrid& grid, const Body& body) {
 
 }  // namespace
 
-ShapeGrid::ShapeGrid(const DepthGrid& grid)
+ShapeGrid::ShapeGrid(const PinholeGrid& grid)
     : camera(grid), padded_width(BorderedPlane::padded(grid.width)) {
   for (BorderedPlane* plane : {&zeta,
                                &log_light,
@@ -135,7 +135,7 @@ ShapeGrid::ShapeGrid(const DepthGrid& grid)
   }
 }
 
-ShapeFromShading::ShapeFromShading(const DepthGrid& grid, const LightsConfiguration& lights,
+ShapeFromShading::ShapeFromShading(const PinholeGrid& grid, const LightsConfiguration& lights,
                                    const DepthEstimatorConfiguration& options)
     : options_(options) {
   for (int k = 0; k < lights.count; ++k) {
@@ -144,7 +144,7 @@ ShapeFromShading::ShapeFromShading(const DepthGrid& grid, const LightsConfigurat
     lights_.y.push_back(static_cast<float>(lights.radius * std::sin(angle)));
   }
   lights_.lobe = static_cast<float>(lights.lobe);
-  DepthGrid level = grid;
+  PinholeGrid level = grid;
   grids_.emplace_back(level);
   while (std::min(level.width, level.height) >= kCoarsestSide) {
     level = level.coarser(2);

@@ -34,7 +34,7 @@ struct Shape {
 
 class ShapeFromShading {
  public:
-  ShapeFromShading(const DepthGrid& grid, const LightsConfiguration& lights,
+  ShapeFromShading(const PinholeGrid& grid, const LightsConfiguration& lights,
                    const DepthEstimatorConfiguration& options);
 
   // Nothing where too few pixels carry data. The last picture's depth is part of the start, so the

@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "camera/pinhole_grid.hpp"
+
 namespace gastronaut::perception {
 
 // Columns are handled this many at a time, and sums are taken in this many lanes, whatever the
@@ -37,27 +39,10 @@ class BorderedPlane {
   std::vector<float> values_;
 };
 
-// Pinhole grid: pixel (u, v) looks along (x, y, 1) = ((u - cx) / fx, (v - cy) / fy, 1).
-struct DepthGrid {
-  int width = 0;  // pixels
-  int height = 0;
-  double fx = 0;
-  double fy = 0;
-  double cx = 0;
-  double cy = 0;
-
-  // The grid of blocks of factor x factor pixels; what does not fill a block is left out.
-  DepthGrid coarser(int factor) const {
-    const double shift = (factor - 1) / 2.0;
-    return {width / factor, height / factor,       fx / factor,
-            fy / factor,    (cx - shift) / factor, (cy - shift) / factor};
-  }
-};
-
 struct ShapeGrid {
-  explicit ShapeGrid(const DepthGrid& grid);
+  explicit ShapeGrid(const PinholeGrid& grid);
 
-  DepthGrid camera;
+  PinholeGrid camera;
   int padded_width;  // columns that the kernels handle
   // By column: ray, coefficients of the first difference (left, own, right) times fx, whether the
   // second difference and the mixed one exist (1 or 0).

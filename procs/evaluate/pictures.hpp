@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "camera/camera_model.hpp"
+#include "camera/pinhole_grid.hpp"
 #include "evaluate/depth_errors.hpp"
 #include "image/plane.hpp"
 
@@ -26,18 +27,6 @@ std::optional<ColourPicture> decode_colour(PictureEncoding encoding,
                                            int height, int row_stride);
 std::optional<Levels> decode_levels(std::span<const std::uint8_t> data, int width, int height,
                                     int row_stride);
-
-// Undistorted: pixel (u, v) sees along ((u - cx) / fx, (v - cy) / fy, 1).
-struct PinholeGrid {
-  int width = 0;  // pixels
-  int height = 0;
-  double fx = 0;
-  double fy = 0;
-  double cx = 0;
-  double cy = 0;
-
-  bool operator==(const PinholeGrid&) const = default;
-};
 
 // The grid of width x height pixels that a k times coarser DEPTH was made from: pixel u of the
 // coarse one covers pixels k u to k u + k - 1. Nothing where k is no whole number.

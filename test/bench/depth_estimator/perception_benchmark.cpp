@@ -89,7 +89,7 @@ void BM_VesselsAlone(benchmark::State& state) {
 
 void BM_ShapeFromShading320x240(benchmark::State& state) {
   set_thread_count(static_cast<int>(state.range(0)));
-  const DepthGrid grid{320, 240, 166.4, 166.4, 160.8, 116.8};
+  const PinholeGrid grid{320, 240, 166.4, 166.4, 160.8, 116.8};
   const LightsConfiguration lights;
   const DepthEstimatorConfiguration options;
   LitSurface lit = light_surface(grid, lights, sphere({0.005, 0, 0.015}, 0.035), options.data_std);

@@ -52,12 +52,12 @@ inline double light_on(const SurfacePoint& patch, const LightsConfiguration& lig
 }
 
 struct LitSurface {
-  DepthGrid grid;
+  PinholeGrid grid;
   Shading shading;
   Plane<float> depth;  // true, metres
 };
 
-inline LitSurface light_surface(const DepthGrid& grid, const LightsConfiguration& lights,
+inline LitSurface light_surface(const PinholeGrid& grid, const LightsConfiguration& lights,
                                 const Surface& surface, double data_std) {
   LitSurface lit{grid,
                  {Plane<float>(grid.width, grid.height), Plane<float>(grid.width, grid.height)},

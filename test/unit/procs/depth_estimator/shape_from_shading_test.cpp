@@ -12,7 +12,7 @@
 namespace gastronaut::perception {
 namespace {
 
-const DepthGrid kGrid{160, 120, 83.2, 83.2, 80.4, 58.4};
+const PinholeGrid kGrid{160, 120, 83.2, 83.2, 80.4, 58.4};
 const DepthEstimatorConfiguration kOptions;
 const LightsConfiguration kLights;
 // What smoothness, which would have curved walls flat, and a fixed number of steps leave on noise-
@@ -128,7 +128,7 @@ TEST(ShapeFromShading, DarknessHasNoShape) {
 
 TEST(ShapeFromShading, SmallAndOddPicturesWork) {
   for (const auto& [width, height] : {std::pair{1, 1}, {2, 3}, {31, 17}, {125, 61}}) {
-    const DepthGrid grid{width, height, 60, 60, width / 2.0, height / 2.0};
+    const PinholeGrid grid{width, height, 60, 60, width / 2.0, height / 2.0};
     const LitSurface lit =
         light_surface(grid, kLights, plane_through({0, 0, 0.03}, {0, 0, -1}), 0.05);
     EXPECT_LT(compare(solve(lit).depth, lit.depth).mean, 2 * kSolverError)
@@ -137,7 +137,7 @@ TEST(ShapeFromShading, SmallAndOddPicturesWork) {
 }
 
 TEST(ShapeFromShading, SameBytesOnOneThreadAndMany) {
-  const DepthGrid grid{320, 240, 166.4, 166.4, 160.8, 116.8};
+  const PinholeGrid grid{320, 240, 166.4, 166.4, 160.8, 116.8};
   const LitSurface lit = light_surface(grid, kLights, sphere({0.005, 0, 0.015}, 0.035), 0.05);
   set_thread_count(1);
   const Shape one = solve(lit);

@@ -11,7 +11,7 @@
 namespace gastronaut::perception {
 namespace {
 
-const DepthGrid kGrid{40, 30, 20.8, 21.2, 20.1, 14.6};
+const PinholeGrid kGrid{40, 30, 20.8, 21.2, 20.1, 14.6};
 const LightsConfiguration kLights;
 const ShapeWeights kNotRobust{
     .cauchy = 1e4F, .smoothness = 0.001F, .damping = 1e-3F, .cosine_floor = 0.05F};
