@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
+#include <functional>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -16,6 +16,7 @@ namespace {
 constexpr int kRowsPerChunk = 16;
 // Levels from here on count as saturated: JPEG rings by a few levels around what was clipped.
 constexpr int kSaturatedLevel = 248;
+constexpr int kSoftBorder = 4;  // pixels
 constexpr int kDarkLevel = 10;  // all channels below: no light came back
 // A picture that is dark, or saturated in all channels, in more of its pixels than this shows
 // nothing.
@@ -68,7 +69,8 @@ FrontEnd::FrontEnd(const CameraConfiguration& camera)
       height_(camera.height),
       decoder_(camera.width, camera.height),
       light_of_level_(linear_light_of_levels(camera)),
-      outside_(camera.width, camera.height) {
+      outside_(camera.width, camera.height),
+      empty_(camera.width, camera.height) {
   // Our own loops share out the rows (--threads); OpenCV's would start threads inside them.
   cv::setNumThreads(1);
   make_maps(camera);
@@ -136,6 +138,7 @@ void FrontEnd::develop(LinearPicture& picture) {
       float* blue = picture.light[2].row(v);
       float* level = picture.green_level.row(v);
       std::uint8_t* flags = picture.flags.row(v);
+      std::uint8_t* empty = empty_.row(v);
       for (int u = 0; u < width_; ++u) {
         const std::uint8_t r = rgb[3 * u];
         const std::uint8_t g = rgb[3 * u + 1];
@@ -144,6 +147,8 @@ void FrontEnd::develop(LinearPicture& picture) {
         green[u] = light_of_level_[g];
         blue[u] = light_of_level_[b];
         level[u] = static_cast<float>(g) / 255;
+        const bool dark = std::max({r, g, b}) < kDarkLevel;
+        empty[u] = outside[u] != 0 || dark ? 1 : 0;
         flags[u] = static_cast<std::uint8_t>(outside[u] | (highlight[u] != 0 ? kHighlight : 0) |
                                              (r >= kSaturatedLevel ? kRedSaturated : 0) |
                                              (g >= kSaturatedLevel ? kGreenSaturated : 0) |
@@ -151,7 +156,13 @@ void FrontEnd::develop(LinearPicture& picture) {
       }
     }
   });
-  filler_.fill(highlights_, picture.green_level);
+  // The dark's border is soft.
+  const cv::Mat dark(height_, width_, CV_8U, empty_.values.data());
+  constexpr int kAcross = 2 * kSoftBorder + 1;
+  cv::dilate(dark, dark, cv::getStructuringElement(cv::MORPH_RECT, {kAcross, kAcross}));
+  std::transform(empty_.values.begin(), empty_.values.end(), highlights_.values.begin(),
+                 empty_.values.begin(), std::bit_or<std::uint8_t>());
+  filler_.fill(empty_, picture.green_level);
 }
 
 std::string FrontEnd::judge(LinearPicture& picture) const {

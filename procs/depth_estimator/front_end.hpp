@@ -40,8 +40,10 @@ struct PictureQuality {
 // The pinhole camera has the configuration's width, height, fx, fy, cx, cy.
 struct LinearPicture {
   std::array<Plane<float>, 3> light;  // red, green, blue: linear, full scale being 1
-  Plane<float> green_level;           // 0 to 1, gamma-encoded, highlights filled: shows vessels
-  Plane<std::uint8_t> flags;          // bits of PixelFlag
+  // 0 to 1, gamma-encoded, shows vessels. Highlights and what is dark or outside are filled from
+  // around, or their rims would look like vessels.
+  Plane<float> green_level;
+  Plane<std::uint8_t> flags;  // bits of PixelFlag
   PictureQuality quality;
 };
 
@@ -68,6 +70,7 @@ class FrontEnd {
   std::vector<std::uint8_t> decoded_;      // RGB, as the lens sees it
   std::vector<std::uint8_t> undistorted_;  // RGB
   Plane<std::uint8_t> highlights_;
+  Plane<std::uint8_t> empty_;  // to be filled: highlights, dark, outside
   HighlightFiller filler_;
 };
 
