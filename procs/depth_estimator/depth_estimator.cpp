@@ -16,6 +16,7 @@ constexpr double kShapeStd = 0.035;
 constexpr float kLargestSingle = 1;  // single residuals count as no more than this
 constexpr float kLeastDataInWindow = 0.25F;
 constexpr int kWindow = 4;  // pixels to each side
+constexpr std::size_t kRowsPerChunk = 16;
 
 int picture_pixels_per_grid_pixel(const RigConfiguration& configuration) {
   const int most = configuration.depth_estimator.max_width;
@@ -32,20 +33,29 @@ PinholeGrid depth_grid(const RigConfiguration& configuration) {
 
 // Sums over the window around each pixel, what lies beyond the border being zero.
 void sum_over_window(Plane<float>& plane) {
-  std::vector<float> line(static_cast<std::size_t>(std::max(plane.width, plane.height)));
-  const auto run = [&](float* values, int count, int stride) {
-    for (int i = 0; i < count; ++i) line[static_cast<std::size_t>(i)] = values[i * stride];
-    for (int i = 0; i < count; ++i) {
-      float sum = 0;
-      const int last = std::min(count - 1, i + kWindow);
-      for (int k = std::max(0, i - kWindow); k <= last; ++k) {
-        sum += line[static_cast<std::size_t>(k)];
+  Plane<float> across(plane.width, plane.height);
+  const auto rows = static_cast<std::size_t>(plane.height);
+  parallel_for_chunks(rows, kRowsPerChunk, [&](std::size_t begin, std::size_t end) {
+    for (auto v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
+      for (int u = 0; u < plane.width; ++u) {
+        const int last = std::min(plane.width - 1, u + kWindow);
+        for (int k = std::max(0, u - kWindow); k <= last; ++k) {
+          across.at(u, v) += plane.at(k, v);
+        }
       }
-      values[i * stride] = sum;
     }
-  };
-  for (int v = 0; v < plane.height; ++v) run(plane.row(v), plane.width, 1);
-  for (int u = 0; u < plane.width; ++u) run(plane.row(0) + u, plane.height, plane.width);
+  });
+  parallel_for_chunks(rows, kRowsPerChunk, [&](std::size_t begin, std::size_t end) {
+    for (auto v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
+      float* sums = plane.row(v);
+      std::fill_n(sums, plane.width, 0.0F);
+      const int last = std::min(plane.height - 1, v + kWindow);
+      for (int k = std::max(0, v - kWindow); k <= last; ++k) {
+        const float* row = across.row(k);
+        for (int u = 0; u < plane.width; ++u) sums[u] += row[u];
+      }
+    }
+  });
 }
 
 }  // namespace

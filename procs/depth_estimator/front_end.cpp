@@ -33,11 +33,50 @@ void for_row_chunks(int height, const Body& body) {
                       });
 }
 
+// add_row(v, sum) for all rows, the sums of the chunks added up in order.
+template <class Sum, class AddRow>
+Sum sum_rows(int height, const Sum& zero, const AddRow& add_row) {
+  return parallel_reduce_in_order(
+      static_cast<std::size_t>(height), std::size_t{kRowsPerChunk}, zero,
+      [&](std::size_t begin, std::size_t end) {
+        Sum sum = zero;
+        for (auto v = static_cast<int>(begin); v < static_cast<int>(end); ++v) add_row(v, sum);
+        return sum;
+      },
+      [](Sum a, const Sum& b) { return a += b; });
+}
+
+constexpr int kAllSaturated = kRedSaturated | kGreenSaturated | kBlueSaturated;
+
+struct PixelCounts {
+  std::int64_t inside = 0;
+  std::int64_t saturated = 0;  // in one channel at least
+  std::int64_t white = 0;      // in all
+  std::int64_t dark = 0;
+  std::int64_t highlight = 0;
+  std::int64_t green_levels = 0;  // their sum
+  PixelCounts& operator+=(const PixelCounts& other) {
+    inside += other.inside;
+    saturated += other.saturated;
+    white += other.white;
+    dark += other.dark;
+    highlight += other.highlight;
+    green_levels += other.green_levels;
+    return *this;
+  }
+};
+
 // Energy of differences over 2 and over 8 pixels along one direction.
 struct DifferenceEnergy {
   double fine = 0;
   double coarse = 0;
   int count = 0;
+  DifferenceEnergy& operator+=(const DifferenceEnergy& other) {
+    fine += other.fine;
+    coarse += other.coarse;
+    count += other.count;
+    return *this;
+  }
   double ratio() const { return coarse > 0 ? std::sqrt(fine / coarse) : 0; }
 };
 
@@ -45,8 +84,7 @@ struct DifferenceEnergy {
 DifferenceEnergy difference_energy(const Plane<float>& level, const Plane<std::uint8_t>& flags,
                                    int step_u, int step_v) {
   constexpr int kReach = 4;
-  DifferenceEnergy energy;
-  for (int v = kReach * step_v; v < level.height - kReach * step_v; v += 2) {
+  const auto add_row = [&](int v, DifferenceEnergy& energy) {
     for (int u = kReach * step_u; u < level.width - kReach * step_u; u += 2) {
       const auto flag = [&](int steps) { return flags.at(u + steps * step_u, v + steps * step_v); };
       if (((flag(-kReach) | flag(0) | flag(kReach)) & (kOutside | kHighlight)) != 0) continue;
@@ -58,8 +96,11 @@ DifferenceEnergy difference_energy(const Plane<float>& level, const Plane<std::u
       energy.coarse += difference(kReach) * difference(kReach);
       ++energy.count;
     }
-  }
-  return energy;
+  };
+  return sum_rows(level.height, DifferenceEnergy(), [&](int v, DifferenceEnergy& energy) {
+    const bool counts = v % 2 == 0 && v >= kReach * step_v && v < level.height - kReach * step_v;
+    if (counts) add_row(v, energy);
+  });
 }
 
 }  // namespace
@@ -166,39 +207,37 @@ void FrontEnd::develop(LinearPicture& picture) {
 }
 
 std::string FrontEnd::judge(LinearPicture& picture) const {
-  constexpr int kAllSaturated = kRedSaturated | kGreenSaturated | kBlueSaturated;
-  std::size_t inside = 0;
-  std::size_t saturated = 0;
-  std::size_t white = 0;
-  std::size_t dark = 0;
-  std::size_t highlight = 0;
-  double level = 0;
-  for (std::size_t i = 0; i < picture.flags.size(); ++i) {
-    const int flags = picture.flags.values[i];
-    if ((flags & kOutside) != 0) continue;
-    ++inside;
-    if ((flags & kAllSaturated) != 0) ++saturated;
-    if ((flags & kAllSaturated) == kAllSaturated) ++white;
-    if ((flags & kHighlight) != 0) ++highlight;
-    const std::uint8_t* rgb = undistorted_.data() + 3 * i;
-    if (std::max({rgb[0], rgb[1], rgb[2]}) < kDarkLevel) ++dark;
-    level += rgb[1];
-  }
-  const auto fraction = [&](std::size_t count) {
-    return static_cast<double>(count) / static_cast<double>(std::max<std::size_t>(inside, 1));
+  const PixelCounts counts = sum_rows(height_, PixelCounts(), [&](int v, PixelCounts& sum) {
+    const std::uint8_t* rgb = undistorted_.data() + 3 * static_cast<std::ptrdiff_t>(v) * width_;
+    const std::uint8_t* flags = picture.flags.row(v);
+    for (int u = 0; u < width_; ++u) {
+      if ((flags[u] & kOutside) != 0) continue;
+      ++sum.inside;
+      sum.saturated += (flags[u] & kAllSaturated) != 0 ? 1 : 0;
+      sum.white += (flags[u] & kAllSaturated) == kAllSaturated ? 1 : 0;
+      sum.highlight += (flags[u] & kHighlight) != 0 ? 1 : 0;
+      sum.dark += std::max({rgb[3 * u], rgb[3 * u + 1], rgb[3 * u + 2]}) < kDarkLevel ? 1 : 0;
+      sum.green_levels += rgb[3 * u + 1];
+    }
+  });
+  const auto fraction = [&](std::int64_t count) {
+    return static_cast<double>(count) /
+           static_cast<double>(std::max(counts.inside, std::int64_t{1}));
   };
-  picture.quality.mean_level = level / 255 / static_cast<double>(std::max<std::size_t>(inside, 1));
-  picture.quality.saturated_fraction = fraction(saturated);
-  picture.quality.dark_fraction = fraction(dark);
-  picture.quality.highlight_fraction = fraction(highlight);
+  picture.quality.mean_level = fraction(counts.green_levels) / 255;
+  picture.quality.saturated_fraction = fraction(counts.saturated);
+  picture.quality.dark_fraction = fraction(counts.dark);
+  picture.quality.highlight_fraction = fraction(counts.highlight);
   const DifferenceEnergy across = difference_energy(picture.green_level, picture.flags, 1, 0);
   const DifferenceEnergy down = difference_energy(picture.green_level, picture.flags, 0, 1);
   picture.quality.sharpness = std::min(across.ratio(), down.ratio());
   picture.quality.contrast =
       std::sqrt((across.coarse + down.coarse) / std::max(across.count + down.count, 1)) /
       std::max(picture.quality.mean_level, 1.0 / 255);
-  if (fraction(dark) > kAllButAll) return "black picture: the lamp is off, or the lens is covered";
-  if (fraction(white) > kAllButAll) return "white picture: exposed too long, or against the wall";
+  if (fraction(counts.dark) > kAllButAll)
+    return "black picture: the lamp is off, or the lens is covered";
+  if (fraction(counts.white) > kAllButAll)
+    return "white picture: exposed too long, or against the wall";
   if (picture.quality.contrast < kLeastContrast) {
     return "veiled picture: fluid or a smear before the lens, or far out of focus";
   }

@@ -151,6 +151,22 @@ TEST(FrontEnd, LevelsBecomeLinearLight) {
   EXPECT_NEAR(seen.light[0].at(100, 60), 0.1 * 120 / 127.5, 1e-6);
 }
 
+// A round picture in a black frame, as endoscopes have, its rim two pixels soft.
+TEST(FrontEnd, RimOfARoundPictureIsNoDarkLine) {
+  const CameraConfiguration camera = small_camera();
+  const LinearPicture seen = see(camera, draw(camera, [](int u, int v) {
+                                   const double rim = 50 - std::hypot(u - 80, v - 60);
+                                   const double grain = ((u / 4) + (v / 4)) % 2 == 0 ? 1.15 : 0.85;
+                                   return 120 * grain * std::clamp(rim / 2 + 0.5, 0.0, 1.0);
+                                 }));
+  constexpr float kHalfOfTheTissue = 0.5F * 0.7F * 120 / 255;
+  for (int v = 0; v < camera.height; ++v) {
+    for (int u = 0; u < camera.width; ++u) {
+      EXPECT_GT(seen.green_level.at(u, v), kHalfOfTheTissue) << u << ", " << v;
+    }
+  }
+}
+
 TEST(FrontEnd, SaturationIsSaidChannelByChannel) {
   const CameraConfiguration camera = small_camera();
   const LinearPicture seen =
