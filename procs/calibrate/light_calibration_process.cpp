@@ -1,11 +1,9 @@
 #include "calibrate/light_calibration_process.hpp"
 
 #include <spdlog/spdlog.h>
-#include <zstd.h>
 
 #include <CLI/CLI.hpp>
 #include <cmath>
-#include <cstring>
 #include <filesystem>
 #include <map>
 #include <opencv2/core.hpp>
@@ -19,6 +17,7 @@
 #include "gastronaut/magnetic_pose_t.hpp"
 #include "gastronaut/rig_config_t.hpp"
 #include "gastronaut/rigid_transform_t.hpp"
+#include "pictures/depth_counts.hpp"
 #include "process/channels.hpp"
 #include "process/command_line.hpp"
 #include "process/progress.hpp"
@@ -31,7 +30,6 @@ constexpr double kCardAlbedo = 0.9;    // of white matte card
 constexpr double kTissueAlbedo = 0.8;  // of stomach, red, vessels left out
 constexpr int kFewestKnots = 17;       // straight lines between fewer leave a power law too far
 constexpr int kMostKnots = 129;
-constexpr int kMostSide = 16384;  // pixels of a depth picture
 
 enum class Geometry { kDepth, kPoses, kMagnetic };
 
@@ -208,41 +206,15 @@ std::optional<Picture> decode_picture(const image_t& message, const CameraConfig
 }
 
 std::optional<DepthMap> decode_depth(const depth_image_t& message) {
-  if (message.width < 1 || message.height < 1 || message.width > kMostSide ||
-      message.height > kMostSide || !(message.fx > 0) || !(message.fy > 0)) {
-    return std::nullopt;
-  }
+  const std::optional<DepthEncoding> encoding = depth_encoding(message.encoding);
+  if (!encoding || !(message.fx > 0) || !(message.fy > 0)) return std::nullopt;
+  const auto counts = decode_depth_counts(*encoding, message.data, message.width, message.height);
+  if (!counts) return std::nullopt;
   DepthMap map{Plane<float>(message.width, message.height), message.fx, message.fy, message.cx,
                message.cy};
-  std::vector<std::uint16_t> counts(map.depth.size());
-  const std::size_t bytes = counts.size() * sizeof(counts[0]);
-  switch (message.encoding) {
-    case depth_image_t::ENCODING_RAW:
-      if (message.data.size() != bytes) return std::nullopt;
-      std::memcpy(counts.data(), message.data.data(), bytes);
-      break;
-    case depth_image_t::ENCODING_ZSTD:
-      if (ZSTD_decompress(counts.data(), bytes, message.data.data(), message.data.size()) !=
-          bytes) {
-        return std::nullopt;
-      }
-      break;
-    case depth_image_t::ENCODING_PNG: {
-      if (message.data.empty()) return std::nullopt;
-      const cv::Mat decoded = cv::imdecode(message.data, cv::IMREAD_UNCHANGED);
-      if (decoded.type() != CV_16UC1 || decoded.cols != message.width ||
-          decoded.rows != message.height) {
-        return std::nullopt;
-      }
-      std::memcpy(counts.data(), decoded.data, bytes);
-      break;
-    }
-    default:
-      return std::nullopt;
-  }
-  for (std::size_t i = 0; i < counts.size(); ++i) {
-    map.depth.values[i] = static_cast<float>(counts[i] * message.metres_per_count);
-  }
+  std::transform(
+      counts->begin(), counts->end(), map.depth.values.begin(),
+      [&](std::uint16_t count) { return static_cast<float>(count * message.metres_per_count); });
   return map;
 }
 

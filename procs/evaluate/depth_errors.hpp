@@ -21,13 +21,6 @@ struct DepthPicture {
   double relative_std = 0;  // one sigma as a fraction of the depth; 0: not given
 };
 
-enum class DepthEncoding { kRaw, kPng, kZstd };
-
-// Width * height little-endian 16-bit counts; nothing for data that are not just that.
-std::optional<std::vector<std::uint16_t>> decode_depth_counts(DepthEncoding encoding,
-                                                              std::span<const std::uint8_t> data,
-                                                              int width, int height);
-
 // Sums over pixels with an estimate and the truth; error = estimate - truth. Means are NaN without
 // pixels.
 struct ErrorSums {

@@ -7,6 +7,7 @@
 
 #include "bus/log_file.hpp"
 #include "bus/wire.hpp"
+#include "pictures/depth_counts.hpp"
 #include "process/channels.hpp"
 
 namespace gastronaut::evaluation {
@@ -107,25 +108,14 @@ class FrameReader {
 }  // namespace
 
 std::optional<DepthPicture> decode_depth(const depth_image_t& message) {
-  DepthEncoding encoding = DepthEncoding::kRaw;
-  switch (message.encoding) {
-    case depth_image_t::ENCODING_RAW:
-      break;
-    case depth_image_t::ENCODING_PNG:
-      encoding = DepthEncoding::kPng;
-      break;
-    case depth_image_t::ENCODING_ZSTD:
-      encoding = DepthEncoding::kZstd;
-      break;
-    default:
-      return std::nullopt;
-  }
+  const std::optional<DepthEncoding> encoding = depth_encoding(message.encoding);
+  if (!encoding) return std::nullopt;
   const auto positive = [](double value) { return value > 0 && std::isfinite(value); };
   if (!positive(message.fx) || !positive(message.fy) || !positive(message.metres_per_count) ||
       !std::isfinite(message.cx) || !std::isfinite(message.cy)) {
     return std::nullopt;
   }
-  const auto counts = decode_depth_counts(encoding, message.data, message.width, message.height);
+  const auto counts = decode_depth_counts(*encoding, message.data, message.width, message.height);
   if (!counts) return std::nullopt;
   DepthPicture picture{message.width, message.height, message.fx, message.fy,
                        message.cx,    message.cy,     {},         0};
