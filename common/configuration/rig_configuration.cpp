@@ -99,6 +99,13 @@ void DepthEstimatorConfiguration::check() const {
 }
 
 void RigConfiguration::check() const {
+  const int pixels_per_grid_pixel =
+      (camera.width + depth_estimator.max_width - 1) / depth_estimator.max_width;
+  if (camera.height < pixels_per_grid_pixel) {
+    throw std::invalid_argument("depth_estimator.max_width leaves no rows of a picture of " +
+                                std::to_string(camera.width) + "x" + std::to_string(camera.height) +
+                                "; make it larger");
+  }
   const Eigen::Index channels =
       static_cast<Eigen::Index>(hall_array.num_sensors()) * hall_array.num_axes;
   const Eigen::MatrixXd& matrix = coils.tesla_per_ampere;

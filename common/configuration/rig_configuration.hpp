@@ -71,8 +71,8 @@ struct CameraConfiguration {
     v("rate", rate, positive(Dimension::kFrequency));
     v("gamma", gamma, between(0.2, 5));
     v("response", response);
-    v("exposure_gain", exposure_gain, positive());
-    v("led_intensity", led_intensity, positive());
+    v("exposure_gain", exposure_gain, between(1e-6, 1e6));
+    v("led_intensity", led_intensity, between(1e-12, 1));
     v("vignetting_cos_power", vignetting_cos_power, not_negative());
     v("auto_exposure", auto_exposure);
     v("read_noise", read_noise, not_negative());
@@ -94,7 +94,7 @@ struct LightsConfiguration {
     v("count", count, between(1, 64));
     v("radius", radius, not_negative(Dimension::kLength));
     v("phase", phase, any(Dimension::kAngle));
-    v("lobe", lobe, not_negative());
+    v("lobe", lobe, between(0, 50));
   }
 };
 
@@ -247,12 +247,12 @@ struct DepthEstimatorConfiguration {
   void fields(Visitor& v) {
     v("max_width", max_width, between(16, 4096));
     v("albedo", albedo);
-    v("albedo_std", albedo_std, positive());
-    v("unknown_gain_std", unknown_gain_std, positive());
-    v("min_depth", min_depth, positive(Dimension::kLength));
-    v("max_depth", max_depth, positive(Dimension::kLength));
-    v("curvature_radius", curvature_radius, positive(Dimension::kLength));
-    v("data_std", data_std, positive());
+    v("albedo_std", albedo_std, between(0.001, 1));
+    v("unknown_gain_std", unknown_gain_std, between(0, 10));
+    v("min_depth", min_depth, between(1e-4, 10, Dimension::kLength));
+    v("max_depth", max_depth, between(1e-4, 10, Dimension::kLength));
+    v("curvature_radius", curvature_radius, between(1e-5, 0.1, Dimension::kLength));
+    v("data_std", data_std, between(1e-3, 1));
     v("vessel_scales", vessel_scales);
   }
 };

@@ -11,8 +11,11 @@ namespace {
 // Where the shading model leaves more than this unexplained (root mean square of ln light over the
 // window), the wall folds over, is in shadow or ends, and the depth is no better than a guess.
 constexpr float kLargestUnexplained = 0.15F;
-// Of the depth: what one shading leaves open of the shape, measured on the virtual rig's stomachs.
-constexpr double kShapeStd = 0.035;
+// Less of the picture than this explained is none of it.
+constexpr double kLeastExplained = 0.03;
+// Relative error of the depth over what is unexplained of ln light: 1/2 if it were all distance,
+// more since slopes are wrong too; measured on the virtual rig's stomachs.
+constexpr double kDepthPerUnexplained = 0.7;
 constexpr float kLargestSingle = 1;  // single residuals count as no more than this
 constexpr float kLeastDataInWindow = 0.25F;
 constexpr int kWindow = 4;  // pixels to each side
@@ -67,7 +70,8 @@ DepthEstimator::DepthEstimator(const RigConfiguration& configuration)
                      VesselFilterOptions{.scales = configuration.depth_estimator.vessel_scales}),
       light_divider_(configuration, depth_grid(configuration),
                      picture_pixels_per_grid_pixel(configuration)),
-      shape_from_shading_(depth_grid(configuration), configuration.lights,
+      shape_from_shading_(depth_grid(configuration),
+                          NearLight(configuration.camera, configuration.lights),
                           configuration.depth_estimator) {
   perception_.grid = depth_grid(configuration);
 }
@@ -75,28 +79,36 @@ DepthEstimator::DepthEstimator(const RigConfiguration& configuration)
 // A picture's way: linear light, vessels, shading, shape, and the albedo that is left.
 const Perception& DepthEstimator::estimate(const EncodedPicture& picture,
                                            std::optional<double> gain) {
-  const std::string failure = front_end_.process(picture, light_);
-  if (!failure.empty()) return refuse(failure);
+  light_.quality = {};
+  if (const PictureFailure failure = front_end_.process(picture, light_)) return refuse(failure);
   vessel_filter_.apply(light_.green_level, vessels_);
   light_divider_.shade(light_, gain.value_or(1), shading_);
   std::optional<Shape> shape = shape_from_shading_.solve(shading_);
-  if (!shape) return refuse("too few lit pixels: the lens is covered or looks into the dark");
-  light_divider_.divide(light_, gain.value_or(1), shape->log_shading, vessels_, perception_.albedo);
-  perception_.failure.clear();
-  perception_.quality = light_.quality;
-  perception_.relative_std = relative_std(gain.has_value());
+  if (!shape) {
+    return refuse({"unlit", "too few lit pixels: the lens is covered or looks into the dark"});
+  }
   perception_.depth = std::move(shape->depth);
-  drop_unexplained(shape->log_shading);
+  const Explained explained = drop_unexplained(shape->log_shading);
+  if (explained.fraction < kLeastExplained) {
+    return refuse({"unexplained",
+                   "the lamp does not explain the picture: wrong gain, foreign light, or nothing "
+                   "within depth_estimator.max_depth"});
+  }
+  shape_from_shading_.remember();
+  perception_.failure = {};
+  perception_.quality = light_.quality;
+  perception_.relative_std = relative_std(gain.has_value(), explained.std);
+  light_divider_.divide(light_, gain.value_or(1), shape->log_shading, vessels_, perception_.albedo);
   perception_.vessels = Plane<std::uint8_t>(vessels_.width, vessels_.height);
   std::transform(vessels_.values.begin(), vessels_.values.end(), perception_.vessels.values.begin(),
                  [](float response) { return static_cast<std::uint8_t>(255 * response + 0.5F); });
   return perception_;
 }
 
-const Perception& DepthEstimator::refuse(const std::string& failure) {
+const Perception& DepthEstimator::refuse(const PictureFailure& failure) {
   perception_.failure = failure;
-  perception_.quality = {};
-  perception_.relative_std = 0;
+  perception_.quality = light_.quality;
+  perception_.relative_std = 1;
   for (Plane<std::uint8_t>* plane : {&perception_.albedo, &perception_.vessels}) {
     std::fill(plane->values.begin(), plane->values.end(), std::uint8_t{0});
   }
@@ -105,13 +117,14 @@ const Perception& DepthEstimator::refuse(const std::string& failure) {
 }
 
 // Depth goes with the square root of light over albedo.
-double DepthEstimator::relative_std(bool gain_known) const {
+double DepthEstimator::relative_std(bool gain_known, double unexplained_std) const {
   const DepthEstimatorConfiguration& options = configuration_.depth_estimator;
   const double gain_std = gain_known ? 0 : options.unknown_gain_std;
-  return std::hypot(std::hypot(options.albedo_std, gain_std) / 2, kShapeStd);
+  return std::hypot(std::hypot(options.albedo_std, gain_std) / 2,
+                    kDepthPerUnexplained * unexplained_std);
 }
 
-void DepthEstimator::drop_unexplained(const Plane<float>& log_shading) {
+DepthEstimator::Explained DepthEstimator::drop_unexplained(const Plane<float>& log_shading) {
   Plane<float> data(log_shading.width, log_shading.height);
   Plane<float> unexplained(log_shading.width, log_shading.height);
   for (std::size_t i = 0; i < data.size(); ++i) {
@@ -124,13 +137,19 @@ void DepthEstimator::drop_unexplained(const Plane<float>& log_shading) {
   sum_over_window(data);
   sum_over_window(unexplained);
   constexpr float kPixelsInWindow = (2 * kWindow + 1) * (2 * kWindow + 1);
+  double kept = 0;
+  double squares = 0;
   for (std::size_t i = 0; i < data.size(); ++i) {
     const float count = data.values[i];
     if (count < kLeastDataInWindow * kPixelsInWindow ||
-        unexplained.values[i] > kLargestUnexplained * kLargestUnexplained * count) {
+        !(unexplained.values[i] <= kLargestUnexplained * kLargestUnexplained * count)) {
       perception_.depth.values[i] = 0;
+      continue;
     }
+    kept += 1;
+    squares += static_cast<double>(unexplained.values[i] / count);
   }
+  return {kept / static_cast<double>(data.size()), kept > 0 ? std::sqrt(squares / kept) : 0};
 }
 
 }  // namespace gastronaut::perception

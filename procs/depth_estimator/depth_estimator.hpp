@@ -15,14 +15,14 @@
 namespace gastronaut::perception {
 
 struct Perception {
-  std::string failure;          // why the picture could not be used; empty: it could
+  PictureFailure failure;       // why the picture could not be used
   PinholeGrid grid;             // of depth
   Plane<float> depth;           // metres along the optical axis; 0: none
-  double relative_std = 0;      // one sigma of depth as a fraction of it, its common scale included
+  double relative_std = 1;      // one sigma of depth as a fraction of it, its common scale included
   Plane<std::uint8_t> albedo;   // see LightDivider::divide; the undistorted picture's pixels
   Plane<std::uint8_t> vessels;  // vessel response, 255 = 1; as albedo
   // All planes are zero where the picture could not be used, empty before the first that could.
-  PictureQuality quality;
+  PictureQuality quality;  // zero where the picture could not even be decoded
 };
 
 class DepthEstimator {
@@ -33,11 +33,16 @@ class DepthEstimator {
   // until the next call. A picture that cannot be used leaves nothing behind for the next one.
   const Perception& estimate(const EncodedPicture& picture, std::optional<double> gain);
   // The same for a picture that is refused before it is looked at.
-  const Perception& refuse(const std::string& failure);
+  const Perception& refuse(const PictureFailure& failure);
 
  private:
-  double relative_std(bool gain_known) const;
-  void drop_unexplained(const Plane<float>& log_shading);
+  // What is left of the depth where the shading model explains the light.
+  struct Explained {
+    double fraction = 0;  // of the pixels
+    double std = 0;       // of ln light, what is unexplained among them
+  };
+  Explained drop_unexplained(const Plane<float>& log_shading);
+  double relative_std(bool gain_known, double unexplained_std) const;
 
   RigConfiguration configuration_;
   FrontEnd front_end_;

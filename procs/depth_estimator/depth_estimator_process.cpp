@@ -18,6 +18,9 @@ namespace gastronaut {
 namespace {
 
 constexpr int kFastCompression = 1;
+// Gains beyond are no camera's.
+constexpr double kLeastGain = 1e-3;
+constexpr double kMostGain = 1e3;
 // One count is this part of the greatest depth: fine enough for normals.
 constexpr double kCountsToMaxDepth = 32000;
 
@@ -37,14 +40,15 @@ void add_metadata(image_t& picture, const std::string& key, const std::string& v
   picture.nmetadata = static_cast<std::int32_t>(picture.metadata.size());
 }
 
-// The gain that the camera tells; nothing for text that is no positive number.
+// The gain that the camera tells; nothing for text that is no such number.
 std::optional<double> told_gain(const image_t& picture) {
   const std::optional<std::string> text = metadata(picture, "gain");
   double gain = 0;
-  if (!text || std::from_chars(text->data(), text->data() + text->size(), gain).ec != std::errc() ||
-      !std::isfinite(gain) || gain <= 0) {
-    return std::nullopt;
-  }
+  if (!text) return std::nullopt;
+  const char* end = text->data() + text->size();
+  const auto [parsed_to, error] = std::from_chars(text->data(), end, gain);
+  const bool possible = gain >= kLeastGain && gain <= kMostGain;
+  if (error != std::errc() || parsed_to != end || !possible) return std::nullopt;
   return gain;
 }
 
@@ -96,7 +100,7 @@ depth_image_t depth_message(std::int64_t utime, const perception::Perception& pe
   message.encoding = depth_image_t::ENCODING_ZSTD;
   std::vector<std::uint16_t> counts(static_cast<std::size_t>(grid.width) *
                                     static_cast<std::size_t>(grid.height));
-  if (perception.failure.empty()) {
+  if (!perception.failure) {
     constexpr double kMostCounts = std::numeric_limits<std::uint16_t>::max();
     std::transform(perception.depth.values.begin(), perception.depth.values.end(), counts.begin(),
                    [&](float depth) {
@@ -132,23 +136,24 @@ void DepthEstimatorProcess::handle_picture(const image_t& picture) {
   const perception::Perception& seen =
       format ? estimator_.estimate(
                    {picture.width, picture.height, picture.row_stride, *format, picture.data}, gain)
-             : estimator_.refuse(fmt::format("pixel format {} is unknown", picture.pixelformat));
+             : estimator_.refuse(
+                   {"corrupt", fmt::format("pixel format {} is unknown", picture.pixelformat)});
 
   image_t albedo = gray_message(picture.utime, configuration_.camera, seen.albedo);
   if (const std::optional<std::string> seq = metadata(picture, "seq")) {
     add_metadata(albedo, "seq", *seq);
   }
-  if (seen.failure.empty()) {
-    add_metadata(albedo, "sharpness", fmt::format("{:.6g}", seen.quality.sharpness));
-    add_metadata(albedo, "contrast", fmt::format("{:.6g}", seen.quality.contrast));
-    add_metadata(albedo, "mean_level", fmt::format("{:.6g}", seen.quality.mean_level));
-    add_metadata(albedo, "saturated_fraction",
-                 fmt::format("{:.6g}", seen.quality.saturated_fraction));
-    add_metadata(albedo, "dark_fraction", fmt::format("{:.6g}", seen.quality.dark_fraction));
-    add_metadata(albedo, "highlight_fraction",
-                 fmt::format("{:.6g}", seen.quality.highlight_fraction));
-  } else {
-    add_metadata(albedo, "failure", seen.failure);
+  for (const auto& [key, value] : {std::pair{"sharpness", seen.quality.sharpness},
+                                   {"contrast", seen.quality.contrast},
+                                   {"mean_level", seen.quality.mean_level},
+                                   {"saturated_fraction", seen.quality.saturated_fraction},
+                                   {"dark_fraction", seen.quality.dark_fraction},
+                                   {"highlight_fraction", seen.quality.highlight_fraction}}) {
+    add_metadata(albedo, key, fmt::format("{:.6g}", value));
+  }
+  if (seen.failure) {
+    add_metadata(albedo, "failure", seen.failure.kind);
+    add_metadata(albedo, "failure_message", seen.failure.message);
   }
   // DEPTH last: whoever joins the three has the others by then.
   bus_.publish(channel::kVessels, gray_message(picture.utime, configuration_.camera, seen.vessels));
@@ -156,16 +161,20 @@ void DepthEstimatorProcess::handle_picture(const image_t& picture) {
   bus_.publish(channel::kDepth,
                depth_message(picture.utime, seen,
                              configuration_.depth_estimator.max_depth / kCountsToMaxDepth));
-  report_problem(seen.failure);
+  report(seen.failure);
 }
 
-void DepthEstimatorProcess::report_problem(const std::string& problem) {
-  if (!problem.empty()) ++failures_;
-  if (problem == problem_ && problem.empty()) return;
-  problem_ = problem;
+// The count stays for good: a single bad picture among many would else be seen by nobody.
+void DepthEstimatorProcess::report(const perception::PictureFailure& failure) {
+  ++pictures_;
+  if (failure) {
+    ++failures_;
+    last_failure_ = failure.message;
+  }
+  if (failures_ == 0) return;
   bus_.set_health(
-      problem.empty() ? ProcessState::kRunning : ProcessState::kDegraded,
-      problem.empty() ? "" : fmt::format("{} ({} pictures not used so far)", problem, failures_));
+      failure ? ProcessState::kDegraded : ProcessState::kRunning,
+      fmt::format("{} of {} pictures not used, last: {}", failures_, pictures_, last_failure_));
 }
 
 ProcessDescription depth_estimator_process() {

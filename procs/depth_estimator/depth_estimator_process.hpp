@@ -1,8 +1,9 @@
 // The process depth_estimator: CAMERA in; DEPTH, ALBEDO and VESSELS out, for every picture.
 //
-// A picture that cannot be used yields a DEPTH and an ALBEDO that are zero everywhere; ALBEDO's
-// metadata say how good a picture was (sharpness, mean_level, saturated_fraction, dark_fraction,
-// highlight_fraction) and, as `failure`, why it could not be used.
+// A picture that cannot be used yields outputs that are zero everywhere, with a relative_std of 1.
+// ALBEDO's metadata say which picture it was (seq), how good (sharpness, contrast, mean_level,
+// saturated_fraction, dark_fraction, highlight_fraction: PictureQuality) and, where it could not be
+// used, why (failure: one word; failure_message: see PictureFailure).
 #pragma once
 
 #include <string>
@@ -19,13 +20,14 @@ class DepthEstimatorProcess : public Process {
 
  private:
   void handle_picture(const image_t& picture);
-  void report_problem(const std::string& problem);
+  void report(const perception::PictureFailure& failure);
 
   Bus& bus_;
   RigConfiguration configuration_;
   perception::DepthEstimator estimator_;
-  std::string problem_;
+  std::int64_t pictures_ = 0;
   std::int64_t failures_ = 0;
+  std::string last_failure_;
 };
 
 ProcessDescription depth_estimator_process();

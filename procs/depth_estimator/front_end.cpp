@@ -80,14 +80,17 @@ struct DifferenceEnergy {
   double ratio() const { return coarse > 0 ? std::sqrt(fine / coarse) : 0; }
 };
 
-// Every other row and column is enough for a mean. `step_u`, `step_v`: one pixel along.
-DifferenceEnergy difference_energy(const Plane<float>& level, const Plane<std::uint8_t>& flags,
+// Over pixels that show something. Every other row and column is enough for a mean. `step_u`,
+// `step_v`: one pixel along.
+DifferenceEnergy difference_energy(const Plane<float>& level, const Plane<std::uint8_t>& empty,
                                    int step_u, int step_v) {
   constexpr int kReach = 4;
   const auto add_row = [&](int v, DifferenceEnergy& energy) {
     for (int u = kReach * step_u; u < level.width - kReach * step_u; u += 2) {
-      const auto flag = [&](int steps) { return flags.at(u + steps * step_u, v + steps * step_v); };
-      if (((flag(-kReach) | flag(0) | flag(kReach)) & (kOutside | kHighlight)) != 0) continue;
+      const auto is_empty = [&](int steps) {
+        return empty.at(u + steps * step_u, v + steps * step_v);
+      };
+      if ((is_empty(-kReach) | is_empty(0) | is_empty(kReach)) != 0) continue;
       const auto difference = [&](int reach) {
         return static_cast<double>(level.at(u + reach * step_u, v + reach * step_v) -
                                    level.at(u - reach * step_u, v - reach * step_v));
@@ -137,9 +140,9 @@ void FrontEnd::make_maps(const CameraConfiguration& camera) {
   if (distorted_) cv::convertMaps(map_u, map_v, map_, map_fraction_, CV_16SC2);
 }
 
-std::string FrontEnd::process(const EncodedPicture& encoded, LinearPicture& picture) {
-  std::string failure = decoder_.decode(encoded, decoded_);
-  if (!failure.empty()) return failure;
+PictureFailure FrontEnd::process(const EncodedPicture& encoded, LinearPicture& picture) {
+  PictureFailure failure = decoder_.decode(encoded, decoded_);
+  if (failure) return failure;
   undistort();
   develop(picture);
   return judge(picture);
@@ -206,7 +209,7 @@ void FrontEnd::develop(LinearPicture& picture) {
   filler_.fill(empty_, picture.green_level);
 }
 
-std::string FrontEnd::judge(LinearPicture& picture) const {
+PictureFailure FrontEnd::judge(LinearPicture& picture) const {
   const PixelCounts counts = sum_rows(height_, PixelCounts(), [&](int v, PixelCounts& sum) {
     const std::uint8_t* rgb = undistorted_.data() + 3 * static_cast<std::ptrdiff_t>(v) * width_;
     const std::uint8_t* flags = picture.flags.row(v);
@@ -228,20 +231,20 @@ std::string FrontEnd::judge(LinearPicture& picture) const {
   picture.quality.saturated_fraction = fraction(counts.saturated);
   picture.quality.dark_fraction = fraction(counts.dark);
   picture.quality.highlight_fraction = fraction(counts.highlight);
-  const DifferenceEnergy across = difference_energy(picture.green_level, picture.flags, 1, 0);
-  const DifferenceEnergy down = difference_energy(picture.green_level, picture.flags, 0, 1);
+  const DifferenceEnergy across = difference_energy(picture.green_level, empty_, 1, 0);
+  const DifferenceEnergy down = difference_energy(picture.green_level, empty_, 0, 1);
   picture.quality.sharpness = std::min(across.ratio(), down.ratio());
   picture.quality.contrast =
       std::sqrt((across.coarse + down.coarse) / std::max(across.count + down.count, 1)) /
       std::max(picture.quality.mean_level, 1.0 / 255);
   if (fraction(counts.dark) > kAllButAll)
-    return "black picture: the lamp is off, or the lens is covered";
+    return {"black", "black picture: the lamp is off, or the lens is covered"};
   if (fraction(counts.white) > kAllButAll)
-    return "white picture: exposed too long, or against the wall";
+    return {"white", "white picture: exposed too long, or against the wall"};
   if (picture.quality.contrast < kLeastContrast) {
-    return "veiled picture: fluid or a smear before the lens, or far out of focus";
+    return {"veiled", "veiled picture: fluid or a smear before the lens, or far out of focus"};
   }
-  return "";
+  return {};
 }
 
 }  // namespace gastronaut::perception

@@ -51,14 +51,14 @@ class FrontEnd {
  public:
   explicit FrontEnd(const CameraConfiguration& camera);
 
-  // Returns an empty string; or why the picture cannot be used, `picture` then being undefined.
-  std::string process(const EncodedPicture& encoded, LinearPicture& picture);
+  // After a failure of kind "corrupt" or "size" `picture` is as it was, else it is filled.
+  PictureFailure process(const EncodedPicture& encoded, LinearPicture& picture);
 
  private:
   void make_maps(const CameraConfiguration& camera);
   void undistort();
   void develop(LinearPicture& picture);
-  std::string judge(LinearPicture& picture) const;
+  PictureFailure judge(LinearPicture& picture) const;
 
   int width_;
   int height_;

@@ -12,18 +12,19 @@ void PictureDecoder::Destroy::operator()(void* decompressor) const { tjDestroy(d
 
 PictureDecoder::PictureDecoder(int width, int height) : width_(width), height_(height) {}
 
-std::string PictureDecoder::decode(const EncodedPicture& picture, std::vector<std::uint8_t>& rgb) {
+PictureFailure PictureDecoder::decode(const EncodedPicture& picture,
+                                      std::vector<std::uint8_t>& rgb) {
   if (picture.width != width_ || picture.height != height_) {
     return wrong_size(picture.width, picture.height);
   }
   rgb.resize(3 * static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_));
   if (picture.format != PixelFormat::kMjpeg) return copy_pixels(picture, rgb.data());
-  std::string failure = decode_jpeg(picture.data, rgb.data());
-  if (!failure.empty()) decompressor_.reset();
+  PictureFailure failure = decode_jpeg(picture.data, rgb.data());
+  if (failure) decompressor_.reset();
   return failure;
 }
 
-std::string PictureDecoder::decode_jpeg(std::span<const std::uint8_t> data, std::uint8_t* rgb) {
+PictureFailure PictureDecoder::decode_jpeg(std::span<const std::uint8_t> data, std::uint8_t* rgb) {
   if (!decompressor_) decompressor_.reset(tjInitDecompress());
   if (!decompressor_) throw std::runtime_error("the JPEG decoder cannot be started");
   int width = 0;
@@ -33,26 +34,27 @@ std::string PictureDecoder::decode_jpeg(std::span<const std::uint8_t> data, std:
   const auto size = static_cast<unsigned long>(data.size());
   if (tjDecompressHeader3(decompressor_.get(), data.data(), size, &width, &height, &subsampling,
                           &colours) != 0) {
-    return fmt::format("corrupt JPEG: {}", tjGetErrorStr2(decompressor_.get()));
+    return {"corrupt", fmt::format("corrupt JPEG: {}", tjGetErrorStr2(decompressor_.get()))};
   }
-  if (width == 0 || height == 0) return "corrupt JPEG: it ends within its header";
+  if (width == 0 || height == 0) return {"corrupt", "corrupt JPEG: it ends within its header"};
   if (width != width_ || height != height_) return wrong_size(width, height);
   // Warnings (the data end early, or make no sense) fail as errors do.
   if (tjDecompress2(decompressor_.get(), data.data(), size, rgb, width_, 0, height_, TJPF_RGB,
                     TJFLAG_LIMITSCANS) != 0) {
-    return fmt::format("corrupt JPEG: {}", tjGetErrorStr2(decompressor_.get()));
+    return {"corrupt", fmt::format("corrupt JPEG: {}", tjGetErrorStr2(decompressor_.get()))};
   }
-  return "";
+  return {};
 }
 
-std::string PictureDecoder::copy_pixels(const EncodedPicture& picture, std::uint8_t* rgb) const {
+PictureFailure PictureDecoder::copy_pixels(const EncodedPicture& picture, std::uint8_t* rgb) const {
   const int channels = picture.format == PixelFormat::kGray ? 1 : 3;
   const auto row = static_cast<std::size_t>(width_ * channels);
   const auto rows = static_cast<std::size_t>(height_);
   if (picture.row_stride < width_ * channels ||
       picture.data.size() < (rows - 1) * static_cast<std::size_t>(picture.row_stride) + row) {
-    return fmt::format("picture of {} bytes with rows of {} is too small for {}x{} pixels of {}",
-                       picture.data.size(), picture.row_stride, width_, height_, channels);
+    return {"corrupt",
+            fmt::format("picture of {} bytes with rows of {} is too small for {}x{} pixels of {}",
+                        picture.data.size(), picture.row_stride, width_, height_, channels)};
   }
   const std::size_t red = picture.format == PixelFormat::kBgr ? 2 : 0;
   for (std::size_t v = 0; v < rows; ++v) {
@@ -70,12 +72,13 @@ std::string PictureDecoder::copy_pixels(const EncodedPicture& picture, std::uint
       to[3 * u + 2] = channels == 1 ? pixel[0] : pixel[2 - red];
     }
   }
-  return "";
+  return {};
 }
 
-std::string PictureDecoder::wrong_size(int width, int height) const {
-  return fmt::format("picture is {}x{}, the configuration says {}x{}: load the camera's own", width,
-                     height, width_, height_);
+PictureFailure PictureDecoder::wrong_size(int width, int height) const {
+  return {"size",
+          fmt::format("picture is {}x{}, the configuration says {}x{}: load the camera's own",
+                      width, height, width_, height_)};
 }
 
 }  // namespace gastronaut::perception

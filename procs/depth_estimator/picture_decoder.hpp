@@ -11,6 +11,14 @@ namespace gastronaut::perception {
 
 enum class PixelFormat { kMjpeg, kGray, kRgb, kBgr };
 
+// Why a picture cannot be used: one word for programs (`kind`: "corrupt", "size", "black", "white",
+// "veiled", "unlit", "unexplained") and a sentence for people. Both empty: it can.
+struct PictureFailure {
+  std::string kind;
+  std::string message;
+  explicit operator bool() const { return !kind.empty(); }
+};
+
 struct EncodedPicture {
   int width = 0;  // pixels, as the message says
   int height = 0;
@@ -25,18 +33,18 @@ class PictureDecoder {
  public:
   PictureDecoder(int width, int height);  // pixels
 
-  // Fills `rgb` (3 * width * height bytes) and returns an empty string; or what is wrong in words,
-  // `rgb` then holding anything. A JPEG that ends early is wrong, not half grey, and nothing is
-  // allocated for a size that is not the constructor's.
-  std::string decode(const EncodedPicture& picture, std::vector<std::uint8_t>& rgb);
+  // Fills `rgb` (3 * width * height bytes); after a failure it holds anything. A JPEG that ends
+  // early is wrong, not half grey, and nothing is allocated for a size that is not the
+  // constructor's.
+  PictureFailure decode(const EncodedPicture& picture, std::vector<std::uint8_t>& rgb);
 
  private:
   struct Destroy {
     void operator()(void* decompressor) const;
   };
-  std::string decode_jpeg(std::span<const std::uint8_t> data, std::uint8_t* rgb);
-  std::string copy_pixels(const EncodedPicture& picture, std::uint8_t* rgb) const;
-  std::string wrong_size(int width, int height) const;
+  PictureFailure decode_jpeg(std::span<const std::uint8_t> data, std::uint8_t* rgb);
+  PictureFailure copy_pixels(const EncodedPicture& picture, std::uint8_t* rgb) const;
+  PictureFailure wrong_size(int width, int height) const;
 
   int width_;
   int height_;

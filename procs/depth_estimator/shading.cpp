@@ -11,8 +11,10 @@ namespace {
 
 constexpr std::size_t kRowsPerChunk = 16;
 constexpr double kLeastGoodPixels = 0.7;  // of a block, for a channel to count
-// Read noise, quantisation at the dark end of the gamma curve and JPEG together, over read noise.
+// Read noise, quantisation at the dark end of the gamma curve and JPEG together, over read noise;
+// and their least.
 constexpr double kDarkNoiseOverReadNoise = 2;
+constexpr double kLeastNoise = 0.001;
 constexpr double kDarkestInNoise = 2;     // darker than this many sigmas says nothing of distance
 constexpr double kVesselDarkening = 0.5;  // of the albedo, where the vessel response is 1
 
@@ -33,7 +35,7 @@ LightDivider::LightDivider(const RigConfiguration& configuration, const PinholeG
     : grid_(grid),
       factor_(factor),
       power_(configuration.camera.exposure_gain * configuration.camera.led_intensity),
-      noise_(kDarkNoiseOverReadNoise * configuration.camera.read_noise),
+      noise_(std::max(kLeastNoise, kDarkNoiseOverReadNoise * configuration.camera.read_noise)),
       data_std_(configuration.depth_estimator.data_std),
       log_vignetting_(grid.width, grid.height) {
   std::copy_n(configuration.depth_estimator.albedo.begin(), albedo_.size(), albedo_.begin());
@@ -51,6 +53,7 @@ double LightDivider::log_power(double gain) const { return std::log(gain * power
 void LightDivider::shade(const LinearPicture& picture, double gain, Shading& shading) const {
   shading.log_light = Plane<float>(grid_.width, grid_.height);
   shading.inverse_variance = Plane<float>(grid_.width, grid_.height);
+  const double log_exposure = log_power(gain);
   const auto enough = static_cast<int>(std::ceil(kLeastGoodPixels * factor_ * factor_));
   constexpr std::array<std::uint8_t, 3> kUnusable = {kOutside | kHighlight | kRedSaturated,
                                                      kOutside | kHighlight | kGreenSaturated,
@@ -75,7 +78,7 @@ void LightDivider::shade(const LinearPicture& picture, double gain, Shading& sha
         if (light < kDarkestInNoise * noise_) break;
         const double noise = noise_ / light;
         shading.log_light.at(u, v) =
-            static_cast<float>(std::log(light / albedo_[channel]) - log_power(gain) -
+            static_cast<float>(std::log(light / albedo_[channel]) - log_exposure -
                                static_cast<double>(log_vignetting_.at(u, v)));
         shading.inverse_variance.at(u, v) =
             static_cast<float>(1 / (data_std_ * data_std_ + noise * noise));
@@ -93,10 +96,11 @@ void LightDivider::divide(const LinearPicture& picture, double gain,
   albedo = Plane<std::uint8_t>(width, height);
   // Levels per linear light on the grid, interpolated between its pixels' centres.
   Plane<float> levels(grid_.width, grid_.height);
+  const double log_exposure = log_power(gain);
   for_row_chunks(grid_.height, [&](int v) {
     for (int u = 0; u < grid_.width; ++u) {
       levels.at(u, v) = static_cast<float>(
-          255 * std::exp(-log_power(gain) - static_cast<double>(log_vignetting_.at(u, v)) -
+          255 * std::exp(-log_exposure - static_cast<double>(log_vignetting_.at(u, v)) -
                          static_cast<double>(log_shading.at(u, v))));
     }
   });

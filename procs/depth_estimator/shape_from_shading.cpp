@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include "numerics/parallel.hpp"
 
@@ -25,8 +24,8 @@ constexpr double kLeastData = 0.02;         // of the coarsest pixels, for a pic
 // Where ln light changes by this much from one pixel to the next, the wall may bend sharply:
 // curvature costs half.
 constexpr float kEdge = 0.15F;
-// The start is this part last depth, less where the two differ by more than the gate (of zeta):
-// evens out what one picture cannot tell, and forgets at once what has moved.
+// The start is this part the last picture's shape, less where the two differ by more than the gate
+// (of zeta): evens out what one picture cannot tell. The scale is this picture's own.
 constexpr float kMemory = 0.65F;
 constexpr float kMemoryGate = 0.3F;
 
@@ -52,7 +51,7 @@ Effort effort_for(const ShapeGrid& grid) {
 }
 
 int rows_per_chunk(const ShapeGrid& grid) {
-  return pixels(grid) <= kSmallGrid ? grid.camera.height : kRowsPerChunk;
+  return pixels(grid) <= kSmallGrid ? std::max(1, grid.camera.height) : kRowsPerChunk;
 }
 
 // Median of the first `count` of up to four values: specks do not reach the coarse grids.
@@ -135,15 +134,14 @@ ShapeGrid::ShapeGrid(const PinholeGrid& grid)
   }
 }
 
-ShapeFromShading::ShapeFromShading(const PinholeGrid& grid, const LightsConfiguration& lights,
+ShapeFromShading::ShapeFromShading(const PinholeGrid& grid, const NearLight& light,
                                    const DepthEstimatorConfiguration& options)
     : options_(options) {
-  for (int k = 0; k < lights.count; ++k) {
-    const double angle = 2 * std::numbers::pi * k / lights.count + lights.phase;
-    lights_.x.push_back(static_cast<float>(lights.radius * std::cos(angle)));
-    lights_.y.push_back(static_cast<float>(lights.radius * std::sin(angle)));
+  for (const Eigen::Vector3d& position : light.positions()) {
+    lights_.x.push_back(static_cast<float>(position.x()));
+    lights_.y.push_back(static_cast<float>(position.y()));
   }
-  lights_.lobe = static_cast<float>(lights.lobe);
+  lights_.lobe = static_cast<float>(light.lobe());
   PinholeGrid level = grid;
   grids_.emplace_back(level);
   while (std::min(level.width, level.height) >= kCoarsestSide) {
@@ -165,9 +163,10 @@ std::optional<Shape> ShapeFromShading::solve(const Shading& shading) {
     if (level == memory_level_) recall(grid);
     const Effort effort = effort_for(grid);
     minimise(grid, effort.steps, effort.inner_steps);
-    if (level == memory_level_) memory_ = grid.zeta;
   }
-  const ShapeGrid& fine = grids_.front();
+  ShapeGrid& fine = grids_.front();
+  // The residuals of the depth that is given, not of the one before the last step.
+  for_rows(fine, [&](int begin, int end) { linearise(fine, lights_, weights(), begin, end); });
   Shape shape;
   shape.depth = Plane<float>(fine.camera.width, fine.camera.height);
   shape.log_shading = Plane<float>(fine.camera.width, fine.camera.height);
@@ -185,13 +184,26 @@ std::optional<Shape> ShapeFromShading::solve(const Shading& shading) {
   return shape;
 }
 
+void ShapeFromShading::remember() { memory_ = grids_[memory_level_].zeta; }
+
 void ShapeFromShading::recall(ShapeGrid& grid) const {
   if (memory_.stride() == 0) return;
+  std::vector<float> differences;
+  for (int v = 0; v < grid.camera.height; ++v) {
+    for (int u = 0; u < grid.camera.width; ++u) {
+      if (grid.inverse_variance.row(v)[u] == 0) continue;
+      differences.push_back(memory_.row(v)[u] - grid.zeta.row(v)[u]);
+    }
+  }
+  if (differences.empty()) return;
+  const auto middle_one = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
+  std::nth_element(differences.begin(), middle_one, differences.end());
+  const float common = *middle_one;
   for (int v = 0; v < grid.camera.height; ++v) {
     const float* last = memory_.row(v);
     float* zeta = grid.zeta.row(v);
     for (int u = 0; u < grid.camera.width; ++u) {
-      const float difference = last[u] - zeta[u];
+      const float difference = last[u] - zeta[u] - common;
       const float gate = difference / kMemoryGate;
       zeta[u] += kMemory / (1 + gate * gate) * difference;
     }
@@ -304,17 +316,20 @@ void ShapeFromShading::refine_from(const ShapeGrid& coarse, ShapeGrid& fine) con
   }
 }
 
+ShapeWeights ShapeFromShading::weights() const {
+  return {.cauchy = kCauchy,
+          .smoothness = static_cast<float>(options_.curvature_radius),
+          .damping = kDamping,
+          .cosine_floor = kCosineFloor};
+}
+
 void ShapeFromShading::minimise(ShapeGrid& grid, int iterations, int inner_iterations) {
-  const ShapeWeights weights{.cauchy = kCauchy,
-                             .smoothness = static_cast<float>(options_.curvature_radius),
-                             .damping = kDamping,
-                             .cosine_floor = kCosineFloor};
   const auto nearest = static_cast<float>(std::log(options_.min_depth));
   const auto farthest = static_cast<float>(std::log(options_.max_depth));
   for (int iteration = 0; iteration < iterations; ++iteration) {
-    for_rows(grid, [&](int begin, int end) { linearise(grid, lights_, weights, begin, end); });
+    for_rows(grid, [&](int begin, int end) { linearise(grid, lights_, weights(), begin, end); });
     double rz =
-        sum_rows(grid, [&](int begin, int end) { return assemble(grid, weights, begin, end); });
+        sum_rows(grid, [&](int begin, int end) { return assemble(grid, weights(), begin, end); });
     for (int inner = 0; inner < inner_iterations && rz > 0; ++inner) {
       const double curvature =
           sum_rows(grid, [&](int begin, int end) { return multiply(grid, begin, end); });

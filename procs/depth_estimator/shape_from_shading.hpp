@@ -18,6 +18,7 @@
 #include "depth_estimator/shape_grid.hpp"
 #include "depth_estimator/shape_kernels.hpp"
 #include "image/plane.hpp"
+#include "photometry/near_light.hpp"
 
 namespace gastronaut::perception {
 
@@ -34,14 +35,17 @@ struct Shape {
 
 class ShapeFromShading {
  public:
-  ShapeFromShading(const PinholeGrid& grid, const LightsConfiguration& lights,
+  ShapeFromShading(const PinholeGrid& grid, const NearLight& light,
                    const DepthEstimatorConfiguration& options);
 
-  // Nothing where too few pixels carry data. The last picture's depth is part of the start, so the
-  // order of the pictures matters.
+  // Nothing where too few pixels carry data. The shape that was last remembered is part of the
+  // start, so the order of the pictures matters.
   std::optional<Shape> solve(const Shading& shading);
+  // The last solution was good: the next picture starts from it too.
+  void remember();
 
  private:
+  ShapeWeights weights() const;
   void load(const Shading& shading);
   static void find_edges(ShapeGrid& grid);
   bool start_coarsest();
@@ -53,7 +57,7 @@ class ShapeFromShading {
   ShapeLights lights_;
   std::vector<ShapeGrid> grids_;  // fine to coarse
   std::size_t memory_level_ = 0;
-  BorderedPlane memory_;  // the last picture's zeta on memory_level_; empty before the first
+  BorderedPlane memory_;  // the remembered zeta on memory_level_; empty before the first
 };
 
 }  // namespace gastronaut::perception

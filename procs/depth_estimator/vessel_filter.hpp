@@ -95,7 +95,7 @@ class VesselFilter {
   void compute_coarse_hessians(int level);
   void compute_response(Plane<float>& response) const;
 
-  float ratio_factor_;  // -1 / (2 beta^2)
+  float ratio_factor_;  // -log2(e) / (2 beta^2): the kernels take powers of two
   float norm_factor_;   // see the response kernel
   std::vector<Scale> scales_;
   std::vector<PaddedPlane> pyramid_;  // [0]: the picture, [i]: halved i times

@@ -121,7 +121,7 @@ void write(const std::string& folder, const std::string& target, const std::vect
 }  // namespace
 }  // namespace gastronaut
 
-// Four bytes of format, sizes and stride (see picture_fuzz.cpp), then a picture of 32 x 24.
+// Five bytes of format, sizes, stride and gain (see picture_fuzz.cpp), then a picture of 32 x 24.
 std::vector<std::string> pictures() {
   constexpr int kWidth = 32;
   constexpr int kHeight = 24;
@@ -138,8 +138,8 @@ std::vector<std::string> pictures() {
   const std::string jpeg(reinterpret_cast<const char*>(buffer), size);
   tjFree(buffer);
   tjDestroy(compressor);
-  const std::string mjpeg_header("\0\1\1\1", 4);
-  const std::string rgb_header("\2\1\1\1", 4);
+  const std::string mjpeg_header("\0\1\1\1\x80", 5);
+  const std::string rgb_header("\2\1\1\1\x80", 5);
   return {mjpeg_header + jpeg, mjpeg_header + jpeg.substr(0, jpeg.size() / 2), rgb_header + rgb};
 }
 

@@ -127,5 +127,27 @@ TEST(RigConfiguration, GridIsSpelledOutAsTheCaptureFolderSays) {
       Eigen::Vector3d((2 - 3.5) * 0.022, (5 - 3.5) * 0.022, 0.085)));
 }
 
+TEST(RigConfiguration, PerceptionThatMakesNoSenseIsRefusedInWords) {
+  const auto refusal = [](const std::string& yaml) -> std::string {
+    try {
+      parse_rig_configuration(yaml, "test");
+    } catch (const ConfigurationError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_THAT(refusal("depth_estimator: {albedo: [0.8, 0.4]}"), HasSubstr("three numbers"));
+  EXPECT_THAT(refusal("depth_estimator: {albedo: [0.8, 0, 0.4]}"), HasSubstr("three numbers"));
+  EXPECT_THAT(refusal("depth_estimator: {vessel_scales: []}"), HasSubstr("vessel_scales"));
+  EXPECT_THAT(refusal("depth_estimator: {vessel_scales: [0.1]}"), HasSubstr("vessel_scales"));
+  EXPECT_THAT(refusal("depth_estimator: {min_depth: 2 cm, max_depth: 1 cm}"),
+              HasSubstr("min_depth must be below max_depth"));
+  EXPECT_THAT(refusal("depth_estimator: {curvature_radius: 2 m}"), HasSubstr("curvature_radius"));
+  EXPECT_THAT(refusal("camera: {width: 640, height: 1, cy: 0}"), HasSubstr("max_width"));
+  EXPECT_THAT(refusal("camera: {response: [0, 0.5]}"), HasSubstr("response"));
+  EXPECT_THAT(refusal("camera: {response: [0, 0.5, 0.4, 1]}"), HasSubstr("response must grow"));
+  EXPECT_EQ(refusal("camera: {response: [0, 0.2, 1]}\ndepth_estimator: {max_width: 640}"), "");
+}
+
 }  // namespace
 }  // namespace gastronaut

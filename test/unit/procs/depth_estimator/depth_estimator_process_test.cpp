@@ -26,6 +26,7 @@ using perception::Surface;
 using perception::to_jpeg;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 // Smoothness, 8-bit levels and JPEG: half of what the albedo's usual variation costs.
 constexpr double kPictureError = 0.02;
@@ -99,7 +100,7 @@ class DepthEstimatorProcessTest : public ::testing::Test {
         const Eigen::Vector3d ray((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1);
         const double vignetting = std::pow(1 / ray.norm(), camera.vignetting_cos_power);
         // Tissue has grain; a picture without any is taken for a veiled one.
-        const double grain = 1 + kGrain * std::sin(1.1 * u + 0.4 * v) * std::sin(0.9 * v - 0.3 * u);
+        const double grain = 1 + grain_ * std::sin(1.1 * u + 0.4 * v) * std::sin(0.9 * v - 0.3 * u);
         for (const double albedo : rig_.depth_estimator.albedo) {
           const double light = gain * camera.exposure_gain * camera.led_intensity * vignetting *
                                albedo * grain * perception::light_on(surface(ray), rig_.lights);
@@ -154,7 +155,8 @@ class DepthEstimatorProcessTest : public ::testing::Test {
 
   void expect_refused(const image_t& picture, const std::string& reason) {
     const Outputs& outputs = see(picture);
-    EXPECT_THAT(outputs.metadata("failure"), HasSubstr(reason));
+    EXPECT_THAT(outputs.metadata("failure"), Not(IsEmpty()));
+    EXPECT_THAT(outputs.metadata("failure_message"), HasSubstr(reason));
     EXPECT_THAT(bus_->describe_health(), HasSubstr(reason));
     EXPECT_EQ(std::count(outputs.counts.begin(), outputs.counts.end(), 0),
               static_cast<std::ptrdiff_t>(outputs.counts.size()));
@@ -166,6 +168,7 @@ class DepthEstimatorProcessTest : public ::testing::Test {
     return perception::plane_through({0, 0, distance}, {0.1, 0.05, -1});
   }
 
+  double grain_ = kGrain;
   RigConfiguration rig_;
   std::map<std::string, int> published_;
   Outputs outputs_;
@@ -217,10 +220,56 @@ TEST_F(DepthEstimatorProcessTest, UnknownGainWidensTheUncertainty) {
   const double unknown = see(picture_of(wall())).depth.relative_std;
   // Depth goes with the square root of the light.
   EXPECT_NEAR(std::sqrt(unknown * unknown - known * known),
-              rig_.depth_estimator.unknown_gain_std / 2, 1e-6);
-  image_t nonsense = picture_of(wall());
-  tell(nonsense, "gain", "-nan");
-  EXPECT_EQ(see(nonsense).depth.relative_std, unknown);
+              rig_.depth_estimator.unknown_gain_std / 2,
+              kPictureError * rig_.depth_estimator.unknown_gain_std);
+  for (const char* text : {"-nan", "inf", "2,5", "1.5x", "", "-1", "0", "1e-30"}) {
+    image_t nonsense = picture_of(wall());
+    tell(nonsense, "gain", text);
+    EXPECT_NEAR(see(nonsense).depth.relative_std, unknown, kPictureError * unknown) << text;
+  }
+}
+
+TEST_F(DepthEstimatorProcessTest, PictureThatTheLampCannotExplainIsRefused) {
+  rig_.camera.auto_exposure = true;
+  start();
+  image_t picture = picture_of(wall());
+  tell(picture, "gain", "1000");
+  EXPECT_EQ(see(picture).metadata("failure"), "unexplained");
+  EXPECT_EQ(outputs_.depth.relative_std, 1);
+  image_t good = picture_of(wall());
+  tell(good, "gain", "1");
+  EXPECT_NEAR(see(good).depth_at(80, 58), kWallDistance, kPictureError * kWallDistance);
+}
+
+TEST_F(DepthEstimatorProcessTest, LessExplainedPictureSaysALargerUncertainty) {
+  start();
+  const double smooth = see(picture_of(wall())).depth.relative_std;
+  grain_ = 3 * kGrain;
+  EXPECT_GT(see(picture_of(wall())).depth.relative_std, smooth);
+}
+
+TEST_F(DepthEstimatorProcessTest, BlackHoleHasNoDepthEvenWithoutReadNoise) {
+  rig_.camera.read_noise = 0;
+  start();
+  std::vector<std::uint8_t> rgb = photograph(wall());
+  for (int v = 40; v < 70; ++v) {
+    std::fill_n(rgb.begin() + 3 * (160 * v + 90), 3 * 30, std::uint8_t{0});
+  }
+  const Outputs& outputs = see(camera_message(to_jpeg(rgb, 160, 120)));
+  EXPECT_EQ(outputs.counts[static_cast<std::size_t>(160 * 55 + 105)], 0);
+  const double truth =
+      wall()({(40 - rig_.camera.cx) / rig_.camera.fx, (58 - rig_.camera.cy) / rig_.camera.fy, 1})
+          .position.z();
+  EXPECT_NEAR(outputs.depth_at(40, 58), truth, 2 * kPictureError * truth);
+}
+
+TEST_F(DepthEstimatorProcessTest, QualityOfAVeiledPictureIsSaidToo) {
+  start();
+  std::vector<std::uint8_t> fluid;
+  for (int i = 0; i < 160 * 120; ++i) fluid.insert(fluid.end(), {150, 140, 100});
+  const Outputs& outputs = see(camera_message(to_jpeg(fluid, 160, 120)));
+  EXPECT_EQ(outputs.metadata("failure"), "veiled");
+  EXPECT_NEAR(std::stod(outputs.metadata("mean_level")), 140.0 / 255, 0.01);
 }
 
 TEST_F(DepthEstimatorProcessTest, WideCameraGivesDepthOnACoarserGrid) {
@@ -242,9 +291,15 @@ TEST_F(DepthEstimatorProcessTest, SequenceNumberAndQualityTravelWithTheAlbedo) {
   tell(picture, "seq", "41");
   const Outputs& outputs = see(picture);
   EXPECT_EQ(outputs.metadata("seq"), "41");
+  const std::vector<std::uint8_t> rgb = photograph(wall());
+  double green = 0;
+  for (std::size_t i = 1; i < rgb.size(); i += 3) green += rgb[i];
+  constexpr double kJpegError = 0.01;
+  EXPECT_NEAR(std::stod(outputs.metadata("mean_level")),
+              green / (255 * static_cast<double>(rgb.size()) / 3), kJpegError);
   for (const char* key :
        {"sharpness", "mean_level", "saturated_fraction", "dark_fraction", "highlight_fraction"}) {
-    EXPECT_GE(std::stod(outputs.metadata(key)), 0) << key;
+    EXPECT_THAT(outputs.metadata(key), Not(IsEmpty())) << key;
   }
 }
 
@@ -296,6 +351,7 @@ TEST_F(DepthEstimatorProcessTest, BadPicturesAreNamedAndTheNextGoodOneWorks) {
   expect_refused(foreign, "12345");
   recovers();
   EXPECT_EQ(published_[channel::kDepth], 19);
+  EXPECT_THAT(bus_->describe_health(), HasSubstr("9 of 19 pictures not used, last: pixel format"));
 }
 
 TEST_F(DepthEstimatorProcessTest, GreyPictureIsNoFailure) {

@@ -1,6 +1,5 @@
 #include "depth_estimator/front_end.hpp"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -12,9 +11,6 @@
 
 namespace gastronaut::perception {
 namespace {
-
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 
 CameraConfiguration small_camera() {
   CameraConfiguration camera;
@@ -63,7 +59,7 @@ Picture grain(const CameraConfiguration& camera, int blur_u, int blur_v, double 
 
 LinearPicture see(const CameraConfiguration& camera, const Picture& picture) {
   LinearPicture seen;
-  EXPECT_THAT(FrontEnd(camera).process(picture.encoded(camera), seen), IsEmpty());
+  EXPECT_FALSE(FrontEnd(camera).process(picture.encoded(camera), seen));
   return seen;
 }
 
@@ -156,7 +152,7 @@ TEST(FrontEnd, RimOfARoundPictureIsNoDarkLine) {
   const CameraConfiguration camera = small_camera();
   const LinearPicture seen = see(camera, draw(camera, [](int u, int v) {
                                    const double rim = 50 - std::hypot(u - 80, v - 60);
-                                   const double grain = ((u / 4) + (v / 4)) % 2 == 0 ? 1.15 : 0.85;
+                                   const double grain = ((u / 3) + (v / 3)) % 2 == 0 ? 1.15 : 0.85;
                                    return 120 * grain * std::clamp(rim / 2 + 0.5, 0.0, 1.0);
                                  }));
   constexpr float kHalfOfTheTissue = 0.5F * 0.7F * 120 / 255;
@@ -202,17 +198,17 @@ TEST(FrontEnd, BlackWhiteAndVeiledPicturesAreFailuresDimOnesAreNot) {
   FrontEnd front_end(camera);
   LinearPicture seen;
   const auto failure = [&](const Picture& picture) {
-    return front_end.process(picture.encoded(camera), seen);
+    return front_end.process(picture.encoded(camera), seen).kind;
   };
   const auto even = [](int level) {
     Picture picture;
     picture.rgb.assign(3 * 160 * 120, static_cast<std::uint8_t>(level));
     return picture;
   };
-  EXPECT_THAT(failure(even(3)), HasSubstr("black"));
-  EXPECT_THAT(failure(even(255)), HasSubstr("white"));
-  EXPECT_THAT(failure(even(120)), HasSubstr("veiled"));
-  EXPECT_THAT(failure(grain(camera, 2, 2, 0.2)), IsEmpty());
+  EXPECT_EQ(failure(even(3)), "black");
+  EXPECT_EQ(failure(even(255)), "white");
+  EXPECT_EQ(failure(even(120)), "veiled");
+  EXPECT_EQ(failure(grain(camera, 2, 2, 0.2)), "");
 }
 
 TEST(FrontEnd, SameBytesOnOneThreadAndMany) {

@@ -14,7 +14,6 @@ namespace {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 
 constexpr int kWidth = 48;
 constexpr int kHeight = 32;
@@ -39,7 +38,7 @@ EncodedPicture jpeg_picture(const std::vector<std::uint8_t>& data) {
 void expect_gradient(PictureDecoder& decoder) {
   const std::vector<std::uint8_t> jpeg = to_jpeg(gradient(), kWidth, kHeight);
   std::vector<std::uint8_t> rgb;
-  ASSERT_THAT(decoder.decode(jpeg_picture(jpeg), rgb), IsEmpty());
+  ASSERT_FALSE(decoder.decode(jpeg_picture(jpeg), rgb));
   const std::vector<std::uint8_t> expected = gradient();
   ASSERT_EQ(rgb.size(), expected.size());
   for (std::size_t i = 0; i < rgb.size(); ++i) EXPECT_NEAR(rgb[i], expected[i], kJpegError);
@@ -55,7 +54,7 @@ TEST(PictureDecoder, GreyJpegHasThreeEqualChannels) {
   const std::vector<std::uint8_t> jpeg = to_jpeg(grey, kWidth, kHeight, TJPF_GRAY);
   PictureDecoder decoder(kWidth, kHeight);
   std::vector<std::uint8_t> rgb;
-  ASSERT_THAT(decoder.decode(jpeg_picture(jpeg), rgb), IsEmpty());
+  ASSERT_FALSE(decoder.decode(jpeg_picture(jpeg), rgb));
   for (const std::uint8_t level : rgb) EXPECT_NEAR(level, 130, kJpegError);
 }
 
@@ -67,7 +66,8 @@ TEST(PictureDecoder, EveryTruncationIsRefusedAndTheNextGoodPictureWorks) {
   for (std::size_t size = 0; size + 2 < jpeg.size(); size += 7) {
     const std::vector<std::uint8_t> truncated(jpeg.begin(),
                                               jpeg.begin() + static_cast<std::ptrdiff_t>(size));
-    EXPECT_THAT(decoder.decode(jpeg_picture(truncated), rgb), HasSubstr("corrupt JPEG")) << size;
+    EXPECT_THAT(decoder.decode(jpeg_picture(truncated), rgb).message, HasSubstr("corrupt JPEG"))
+        << size;
     expect_gradient(decoder);
   }
 }
@@ -76,16 +76,17 @@ TEST(PictureDecoder, OtherSizesAreRefusedBeforeAnythingIsDecoded) {
   PictureDecoder decoder(kWidth, kHeight);
   std::vector<std::uint8_t> rgb;
   const std::vector<std::uint8_t> other = to_jpeg({1, 2, 3}, 1, 1);
-  EXPECT_THAT(decoder.decode(jpeg_picture(other), rgb), HasSubstr("1x1"));
+  EXPECT_THAT(decoder.decode(jpeg_picture(other), rgb).message, HasSubstr("1x1"));
   std::vector<std::uint8_t> huge = to_jpeg(gradient(), kWidth, kHeight);
   // The frame header (FF C0, length, precision, height, width) claims 32639 x 32639.
   const std::vector<std::uint8_t> marker = {0xFF, 0xC0};
   const auto header = std::search(huge.begin(), huge.end(), marker.begin(), marker.end());
   ASSERT_NE(header, huge.end());
   std::fill_n(header + 5, 4, std::uint8_t{0x7F});
-  EXPECT_THAT(decoder.decode(jpeg_picture(huge), rgb), HasSubstr("32639x32639"));
+  EXPECT_THAT(decoder.decode(jpeg_picture(huge), rgb).message, HasSubstr("32639x32639"));
   // The message's own words count too.
-  EXPECT_THAT(decoder.decode({640, 480, 0, PixelFormat::kMjpeg, huge}, rgb), HasSubstr("640x480"));
+  EXPECT_THAT(decoder.decode({640, 480, 0, PixelFormat::kMjpeg, huge}, rgb).message,
+              HasSubstr("640x480"));
   expect_gradient(decoder);
 }
 
@@ -93,12 +94,12 @@ TEST(PictureDecoder, RawPicturesAreTakenWithTheirPadding) {
   PictureDecoder decoder(2, 2);
   std::vector<std::uint8_t> rgb;
   const std::vector<std::uint8_t> padded = {1, 2, 3, 4, 5, 6, 99, 7, 8, 9, 10, 11, 12};
-  ASSERT_THAT(decoder.decode({2, 2, 7, PixelFormat::kRgb, padded}, rgb), IsEmpty());
+  ASSERT_FALSE(decoder.decode({2, 2, 7, PixelFormat::kRgb, padded}, rgb));
   EXPECT_THAT(rgb, ElementsAre(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12));
-  ASSERT_THAT(decoder.decode({2, 2, 7, PixelFormat::kBgr, padded}, rgb), IsEmpty());
+  ASSERT_FALSE(decoder.decode({2, 2, 7, PixelFormat::kBgr, padded}, rgb));
   EXPECT_THAT(rgb, ElementsAre(3, 2, 1, 6, 5, 4, 9, 8, 7, 12, 11, 10));
   const std::vector<std::uint8_t> grey = {1, 2, 3, 4};
-  ASSERT_THAT(decoder.decode({2, 2, 2, PixelFormat::kGray, grey}, rgb), IsEmpty());
+  ASSERT_FALSE(decoder.decode({2, 2, 2, PixelFormat::kGray, grey}, rgb));
   EXPECT_THAT(rgb, ElementsAre(1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4));
 }
 
@@ -107,12 +108,15 @@ TEST(PictureDecoder, RawPicturesThatDoNotHoldTheirPixelsAreRefused) {
   std::vector<std::uint8_t> rgb;
   const std::vector<std::uint8_t> eleven(11);
   const std::vector<std::uint8_t> twelve(12);
-  EXPECT_THAT(decoder.decode({2, 2, 6, PixelFormat::kRgb, eleven}, rgb), HasSubstr("too small"));
-  EXPECT_THAT(decoder.decode({2, 2, 5, PixelFormat::kRgb, twelve}, rgb), HasSubstr("too small"));
-  EXPECT_THAT(decoder.decode({2, 2, -6, PixelFormat::kRgb, twelve}, rgb), HasSubstr("too small"));
-  EXPECT_THAT(decoder.decode({2, 2, 2147483647, PixelFormat::kRgb, twelve}, rgb),
+  EXPECT_THAT(decoder.decode({2, 2, 6, PixelFormat::kRgb, eleven}, rgb).message,
               HasSubstr("too small"));
-  EXPECT_THAT(decoder.decode({2, 2, 6, PixelFormat::kRgb, twelve}, rgb), IsEmpty());
+  EXPECT_THAT(decoder.decode({2, 2, 5, PixelFormat::kRgb, twelve}, rgb).message,
+              HasSubstr("too small"));
+  EXPECT_THAT(decoder.decode({2, 2, -6, PixelFormat::kRgb, twelve}, rgb).message,
+              HasSubstr("too small"));
+  EXPECT_THAT(decoder.decode({2, 2, 2147483647, PixelFormat::kRgb, twelve}, rgb).message,
+              HasSubstr("too small"));
+  EXPECT_FALSE(decoder.decode({2, 2, 6, PixelFormat::kRgb, twelve}, rgb));
 }
 
 }  // namespace
