@@ -44,8 +44,8 @@ Picture draw(const CameraConfiguration& camera, const std::function<double(int, 
 // A grain of sharp squares, blurred by a box of the given width.
 Picture grain(const CameraConfiguration& camera, int blur_u, int blur_v, double contrast) {
   const auto sharp = [](int u, int v) {
-    const auto hash =
-        static_cast<std::uint32_t>(u / 3 * 73856093) ^ static_cast<std::uint32_t>(v / 3 * 19349663);
+    const auto hash = static_cast<std::uint32_t>(u / 3) * 73856093u ^
+                      static_cast<std::uint32_t>(v / 3) * 19349663u;
     return ((hash * 2654435761u) >> 31) != 0u ? 1.0 : 0.0;
   };
   return draw(camera, [=](int u, int v) {
