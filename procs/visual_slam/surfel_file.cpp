@@ -1,0 +1,178 @@
+#include "visual_slam/surfel_file.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cerrno>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <stdexcept>
+#include <system_error>
+#include <vector>
+
+namespace gastronaut::slam {
+namespace {
+
+static_assert(std::endian::native == std::endian::little);
+
+constexpr std::array<char, 8> kMagic = {'G', 'N', 'S', 'U', 'R', 'F', 'E', 'L'};
+constexpr std::uint32_t kVersion = 1;
+
+struct Header {
+  std::array<char, 8> magic = kMagic;
+  std::uint32_t version = kVersion;
+  std::uint32_t reserved = 0;
+  std::uint64_t count = 0;
+  std::uint64_t checksum = 0;
+};
+static_assert(sizeof(Header) == 32);
+
+constexpr std::uint64_t kChecksumStart = 0xCBF29CE484222325;  // FNV-1a, 64 bits
+
+template <class Value>
+std::uint64_t checksum_of(const std::vector<Value>& array, std::uint64_t sum) {
+  constexpr std::uint64_t kPrime = 0x100000001B3;
+  static_assert(sizeof(Value) % sizeof(std::uint32_t) == 0);
+  const char* bytes = reinterpret_cast<const char*>(array.data());
+  for (std::size_t k = 0; k < array.size() * sizeof(Value); k += sizeof(std::uint32_t)) {
+    std::uint32_t word;
+    std::memcpy(&word, bytes + k, sizeof word);
+    sum = (sum ^ word) * kPrime;
+  }
+  return sum;
+}
+
+std::uint64_t checksum_of(const SurfelArrays& surfels) {
+  std::uint64_t sum = kChecksumStart;
+  SurfelArrays::for_each_array(surfels, [&](const auto& array) { sum = checksum_of(array, sum); });
+  return sum;
+}
+
+std::uint64_t bytes_per_entry() {
+  SurfelArrays one;
+  one.resize(1);
+  std::uint64_t bytes = 0;
+  SurfelArrays::for_each_array(one, [&](const auto& array) { bytes += sizeof array[0]; });
+  return bytes;
+}
+
+template <class Write>
+void write_whole(const std::string& path, const Write& write) {
+  const std::string partial = path + ".partial";
+  std::ofstream file(partial, std::ios::binary | std::ios::trunc);
+  if (file) write(file);
+  file.close();
+  std::error_code error;
+  if (file) std::filesystem::rename(partial, path, error);
+  if (!file || error) {
+    const std::string why = error ? error.message() : std::strerror(errno);
+    std::filesystem::remove(partial, error);
+    throw std::runtime_error(path + ": cannot be written (" + why +
+                             "); check the folder, its permissions and the space left");
+  }
+}
+
+[[noreturn]] void refuse(const std::string& path, const std::string& why) {
+  throw std::runtime_error(path + ": " + why +
+                           "; give a map that visual_slam saved, or none to start a new one");
+}
+
+bool is_sound(const SurfelArrays& s, std::size_t k) {
+  // Windows are added to times and taken from them.
+  constexpr std::int64_t kLatest = std::numeric_limits<std::int64_t>::max() / 2;
+  const auto is_time = [](std::int64_t utime) { return utime > -kLatest && utime < kLatest; };
+  bool finite = true;
+  SurfelArrays::for_each_array(s, [&](const auto& array) {
+    finite = finite && std::isfinite(static_cast<double>(array[k]));
+  });
+  const bool empty = s.radius[k] == 0;
+  return finite && s.radius[k] >= 0 && (empty || s.confidence[k] >= 0) &&
+         is_time(s.initialised[k]) && is_time(s.updated[k]);
+}
+
+}  // namespace
+
+void save_surfels(const std::string& path, const SurfelArrays& surfels) {
+  Header header;
+  header.count = surfels.size();
+  header.checksum = checksum_of(surfels);
+  write_whole(path, [&](std::ofstream& file) {
+    file.write(reinterpret_cast<const char*>(&header), sizeof header);
+    SurfelArrays::for_each_array(surfels, [&](const auto& array) {
+      file.write(reinterpret_cast<const char*>(array.data()),
+                 static_cast<std::streamsize>(array.size() * sizeof array[0]));
+    });
+  });
+}
+
+SurfelArrays load_surfels(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  if (!file || error) refuse(path, "cannot be read");
+  Header header;
+  header.magic = {};
+  if (!file.read(reinterpret_cast<char*>(&header), sizeof header) || header.magic != kMagic) {
+    refuse(path, "is not a map of surfels");
+  }
+  if (header.version != kVersion || header.reserved != 0) {
+    refuse(path, "is a map of version " + std::to_string(header.version) + ", this program reads " +
+                     std::to_string(kVersion));
+  }
+  // Ids are int32, so the product below cannot overflow.
+  if (header.count > static_cast<std::uint64_t>(std::numeric_limits<std::int32_t>::max()) ||
+      size != sizeof header + header.count * bytes_per_entry()) {
+    refuse(path, "is cut off or damaged: it is " + std::to_string(size) + " bytes long, and of " +
+                     std::to_string(header.count) + " surfels by its own account");
+  }
+  SurfelArrays surfels;
+  surfels.resize(header.count);
+  SurfelArrays::for_each_array(surfels, [&](auto& array) {
+    file.read(reinterpret_cast<char*>(array.data()),
+              static_cast<std::streamsize>(array.size() * sizeof array[0]));
+  });
+  if (!file || checksum_of(surfels) != header.checksum) {
+    refuse(path, "is damaged: its checksum is wrong");
+  }
+  for (std::size_t k = 0; k < surfels.size(); ++k) {
+    if (!is_sound(surfels, k)) refuse(path, "is damaged: surfel " + std::to_string(k) + " is none");
+  }
+  return surfels;
+}
+
+void export_ply(const std::string& path, const SurfelArrays& surfels, double least_confidence) {
+  std::vector<std::size_t> ids;
+  for (std::size_t k = 0; k < surfels.size(); ++k) {
+    if (surfels.holds(k) && static_cast<double>(surfels.confidence[k]) >= least_confidence) {
+      ids.push_back(k);
+    }
+  }
+  write_whole(path, [&](std::ofstream& file) {
+    file << "ply\nformat binary_little_endian 1.0\ncomment surfels in metres\nelement vertex "
+         << ids.size() << '\n';
+    for (const char* name : {"x", "y", "z", "nx", "ny", "nz"}) {
+      file << "property float " << name << '\n';
+    }
+    for (const char* name : {"red", "green", "blue"}) file << "property uchar " << name << '\n';
+    for (const char* name : {"radius", "confidence"}) file << "property float " << name << '\n';
+    file << "end_header\n";
+    for (const std::size_t k : ids) {
+      const std::array<float, 6> place = {surfels.x[k],  surfels.y[k],  surfels.z[k],
+                                          surfels.nx[k], surfels.ny[k], surfels.nz[k]};
+      const auto grey = static_cast<char>(
+          static_cast<std::uint8_t>(std::lround(std::clamp(surfels.albedo[k], 0.0F, 1.0F) * 255)));
+      const std::array<char, 3> colour = {grey, grey, grey};
+      const std::array<float, 2> rest = {surfels.radius[k], surfels.confidence[k]};
+      file.write(reinterpret_cast<const char*>(place.data()), sizeof place);
+      file.write(colour.data(), sizeof colour);
+      file.write(reinterpret_cast<const char*>(rest.data()), sizeof rest);
+    }
+  });
+}
+
+}  // namespace gastronaut::slam

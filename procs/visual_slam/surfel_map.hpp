@@ -1,0 +1,130 @@
+// The map: surfels that depth pictures are fused into, after the paper's section on map fusion
+// and ElasticFusion (Whelan et al., RSS 2015), with every length scaled to the distance.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <vector>
+
+#include "visual_slam/frame.hpp"
+#include "visual_slam/surfel_arrays.hpp"
+#include "visual_slam/surfel_blocks.hpp"
+#include "visual_slam/surfel_normals.hpp"
+
+namespace gastronaut::slam {
+
+// Fractions are of the depth at hand; the one length says what world it is.
+struct SurfelMapOptions {
+  double working_distance = 0.05;  // metres, typical: a capsule's; 2 for a room
+  double block_size = 0.2;         // of the working distance
+  double farthest = 4;             // working distances; depth beyond is not used, nor drawn
+
+  double depth_gate = 0.03;      // fraction: measured and predicted are one surface
+  double depth_gate_sigmas = 3;  // the same in the frame's sigmas; the wider of both counts
+  double angle_gate = 0.5;       // radians between measured and predicted normal
+  double minimum_cosine = 0.15;  // between normal and line of sight; flatter is not used
+  double radius_growth = 1.5;  // above this times the old radius the view is too coarse to move it
+  double trusted_relative_std = 0.02;  // frames n times as uncertain weigh 1 / n^2
+
+  double stable_confidence = 10;
+  double confidence_limit = 200;  // so that what changes is still followed
+  double active_window = 6.7;     // seconds since the last update: 200 frames
+  double unseen_limit = 0.67;     // seconds that an unstable surfel stays unseen: 20 frames
+  double least_confidence = 0.5;  // halved by each frame that sees through it; below: removed
+
+  int reserved_surfels = 2'000'000;  // address space set aside, so that growing is no stutter
+};
+
+enum class MapPart { kActive, kAll };
+
+struct FuseReport {
+  int associated = 0;  // surfels that a measurement went into
+  int created = 0;
+  int seen_through = 0;  // surfels in the free space of the frame
+  int removed_unstable = 0;
+  int removed_free_space = 0;
+};
+
+struct MapIncrement {
+  std::vector<std::int32_t> changed;  // ids new or changed since the last increment, ascending
+  std::vector<std::int32_t> removed;  // ids no longer in the map, ascending; some may be unheard of
+};
+
+// Ids are stable: a surfel keeps its id until it is removed, and the id is not given to another
+// before the removal was handed out by take_increment (so call that regularly). All results are
+// the same bytes whatever the number of threads. predict may run beside other reading calls, but
+// not beside fuse or take_increment.
+class SurfelMap {
+ public:
+  // Throws std::invalid_argument for options that make no sense.
+  explicit SurfelMap(const SurfelMapOptions& options);
+  // Of surfels kept before (surfel_file.hpp). Throws as well if one lies out of reach.
+  SurfelMap(const SurfelMapOptions& options, SurfelArrays surfels);
+
+  // The map from a pose at utime `now`; kActive leaves out what was not updated lately. Costs what
+  // is in view, not what is in the map.
+  void predict(const SE3& map_T_camera, const PinholeGrid& grid, std::int64_t now, MapPart part,
+               ModelView& view) const;
+
+  // Fuses a frame taken at prediction.map_T_camera; predict from there first, same grid (else
+  // std::invalid_argument), with nothing fused in between. A pixel and the surfel seen at it are
+  // one surface if depths and normals agree: the surfel becomes the mean weighted by confidence,
+  // each surfel once a frame, by the pixel nearest to it. A pixel before or beside all that is
+  // predicted makes a surfel. A surfel clearly before what its pixel and all neighbours measure
+  // is in free space.
+  FuseReport fuse(const Frame& frame, const ModelView& prediction);
+
+  // What to publish as MAP_SURFELS; the next increment starts here.
+  MapIncrement take_increment();
+
+  int size() const { return size_; }  // surfels in the map
+  // By id, with gaps. A copy is a snapshot that can be saved while the map goes on.
+  const SurfelArrays& surfels() const { return surfels_; }
+  bool is_active(std::int32_t id, std::int64_t now) const;
+  bool is_stable(std::int32_t id) const;
+
+ private:
+  enum class Verdict : std::uint8_t { kNothing, kNew, kAssociated, kSeenThrough };
+  struct Pixel {
+    Verdict verdict = Verdict::kNothing;
+    std::int32_t surfel = -1;
+    float distance2 = 0;  // square metres, from the measured point to the surfel's centre
+  };
+  struct Measurement;
+
+  void judge_row(const Frame& frame, const ModelView& prediction, int v);
+  Pixel judge(const Frame& frame, const ModelView& prediction, int u, int v) const;
+  bool neighbours_see_through(const Frame& frame, int u, int v, float predicted) const;
+  Measurement measure(const Frame& frame, const SE3& map_T_camera, std::size_t pixel) const;
+  void update(std::int32_t id, const Measurement& measured, std::int64_t utime);
+  bool create(const Measurement& measured, std::int64_t utime);
+  bool see_through(std::int32_t id);
+  int remove_unseen(std::int64_t now);
+  void remove(std::int32_t id);
+  void mark_changed(std::int32_t id);
+  float depth_gate(const Frame& frame) const;
+
+  SurfelMapOptions options_;
+  std::int64_t active_window_;  // microseconds
+  std::int64_t unseen_limit_;
+  float cosine_gate_;
+  SurfelArrays surfels_;
+  SurfelBlocks blocks_;
+  int size_ = 0;
+  std::vector<std::int32_t> free_ids_;
+  // When to look at an unstable surfel again, as long as it is unstable.
+  std::map<std::int64_t, std::vector<std::int32_t>> due_;
+
+  std::vector<std::uint8_t> is_changed_;  // by id: listed in changed_
+  std::vector<std::int32_t> changed_;
+  std::vector<std::int32_t> removed_;
+
+  // Of the frame being fused, kept for their memory.
+  NormalMap normals_;
+  std::vector<Pixel> pixels_;
+  std::vector<std::int32_t> claim_of_;      // by id: index into claims_, -1 between frames
+  std::vector<std::int32_t> claims_;        // pixels, each for a surfel of its own
+  std::vector<std::int32_t> seen_through_;  // ids
+};
+
+}  // namespace gastronaut::slam

@@ -1,0 +1,188 @@
+#include "visual_slam/surfel_file.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace gastronaut::slam {
+namespace {
+
+// A folder of the test's own.
+class SurfelFile : public testing::Test {
+ protected:
+  SurfelFile() {
+    const auto* test = testing::UnitTest::GetInstance()->current_test_info();
+    folder_ = std::filesystem::temp_directory_path() / (std::string("surfel_file_") + test->name());
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+  }
+  ~SurfelFile() override { std::filesystem::remove_all(folder_); }
+
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+
+ private:
+  std::filesystem::path folder_;
+};
+
+SurfelArrays some_surfels() {
+  SurfelArrays s;
+  s.resize(5);
+  for (std::size_t k : {0U, 1U, 3U, 4U}) {  // 2 is a gap
+    const auto f = static_cast<float>(k);
+    s.x[k] = 0.01F * f;
+    s.y[k] = -0.02F * f;
+    s.z[k] = 0.03F + f;
+    s.nx[k] = 0.6F;
+    s.ny[k] = 0;
+    s.nz[k] = -0.8F;
+    s.albedo[k] = 0.2F * f - 0.2F;
+    s.confidence[k] = 5 * f;
+    s.radius[k] = 0.001F;
+    s.initialised[k] = 1'700'000'000'000'000 + static_cast<std::int64_t>(k);
+    s.updated[k] = 1'700'000'001'000'000;
+  }
+  return s;
+}
+
+std::string read(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+void write(const std::string& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary) << bytes;
+}
+
+TEST_F(SurfelFile, GivesBackWhatWasSaved) {
+  for (const SurfelArrays& surfels : {some_surfels(), SurfelArrays{}}) {
+    save_surfels(path("map"), surfels);
+    EXPECT_EQ(load_surfels(path("map")), surfels);
+    EXPECT_FALSE(std::filesystem::exists(path("map.partial")));
+    save_surfels(path("again"), load_surfels(path("map")));
+    EXPECT_EQ(read(path("again")), read(path("map")));
+  }
+}
+
+TEST_F(SurfelFile, CutOffAnywhereIsRefused) {
+  save_surfels(path("map"), some_surfels());
+  const std::string bytes = read(path("map"));
+  for (std::size_t length = 0; length < bytes.size(); ++length) {
+    write(path("cut"), bytes.substr(0, length));
+    ASSERT_THROW(load_surfels(path("cut")), std::runtime_error) << length;
+  }
+  write(path("cut"), bytes + '\0');
+  EXPECT_THROW(load_surfels(path("cut")), std::runtime_error);
+}
+
+TEST_F(SurfelFile, AnyChangedByteIsRefused) {
+  save_surfels(path("map"), some_surfels());
+  const std::string bytes = read(path("map"));
+  for (std::size_t k = 0; k < bytes.size(); ++k) {
+    std::string changed = bytes;
+    changed[k] = static_cast<char>(changed[k] ^ 0x40);
+    write(path("changed"), changed);
+    ASSERT_THROW(load_surfels(path("changed")), std::runtime_error) << k;
+  }
+}
+
+TEST_F(SurfelFile, NumbersThatNoMapHoldsAreRefused) {
+  SurfelArrays s = some_surfels();
+  s.nx[3] = std::numeric_limits<float>::quiet_NaN();
+  save_surfels(path("map"), s);
+  EXPECT_THROW(load_surfels(path("map")), std::runtime_error);
+  s = some_surfels();
+  s.updated[0] = std::numeric_limits<std::int64_t>::min();
+  save_surfels(path("map"), s);
+  EXPECT_THROW(load_surfels(path("map")), std::runtime_error);
+}
+
+TEST_F(SurfelFile, ErrorsNameTheFileAndSayWhatToDo) {
+  const auto message = [](const auto& call) {
+    try {
+      call();
+    } catch (const std::runtime_error& error) {
+      return std::string(error.what());
+    }
+    return std::string("no error");
+  };
+  write(path("photo.png"), "\x89PNG, longer than a header of a map of surfels");
+  EXPECT_THAT(message([&] { load_surfels(path("photo.png")); }),
+              testing::AllOf(testing::HasSubstr("photo.png"), testing::HasSubstr("is not a map"),
+                             testing::HasSubstr("give a map that visual_slam saved")));
+  EXPECT_THAT(message([&] { load_surfels(path("none")); }), testing::HasSubstr("cannot be read"));
+  EXPECT_THAT(message([&] { save_surfels(path("no/such/folder"), {}); }),
+              testing::HasSubstr("check the folder"));
+}
+
+TEST_F(SurfelFile, FailedSaveLeavesTheOldMap) {
+  save_surfels(path("map"), some_surfels());
+  std::filesystem::create_directory(path("map.partial"));  // cannot be opened as a file
+  EXPECT_THROW(save_surfels(path("map"), {}), std::runtime_error);
+  EXPECT_EQ(load_surfels(path("map")), some_surfels());
+}
+
+// PLY as the format's description has it, for scalar properties of one element.
+TEST_F(SurfelFile, PlyReadsBackWithNamedColumns) {
+  const SurfelArrays s = some_surfels();
+  constexpr double kLeast = 5;
+  export_ply(path("map.ply"), s, kLeast);
+  std::istringstream file(read(path("map.ply")));
+  std::string line;
+  std::size_t count = 0;
+  std::vector<std::pair<std::string, std::string>> columns;  // type, name
+  std::getline(file, line);
+  ASSERT_EQ(line, "ply");
+  std::getline(file, line);
+  ASSERT_EQ(line, "format binary_little_endian 1.0");
+  while (std::getline(file, line) && line != "end_header") {
+    std::istringstream words(line);
+    std::string word, type, name;
+    words >> word >> type >> name;
+    if (word == "element") {
+      ASSERT_EQ(type, "vertex");
+      count = std::stoul(name);
+    } else if (word == "property") {
+      columns.emplace_back(type, name);
+    }
+  }
+  std::vector<std::string> names;
+  for (const auto& column : columns) names.push_back(column.second);
+  ASSERT_EQ(names, (std::vector<std::string>{"x", "y", "z", "nx", "ny", "nz", "red", "green",
+                                             "blue", "radius", "confidence"}));
+  std::vector<std::vector<float>> rows(count);
+  for (auto& row : rows) {
+    for (const auto& column : columns) {
+      if (column.first == "uchar") {
+        row.push_back(static_cast<float>(file.get()));
+      } else {
+        ASSERT_EQ(column.first, "float");
+        float value = 0;
+        file.read(reinterpret_cast<char*>(&value), sizeof value);
+        row.push_back(value);
+      }
+    }
+  }
+  ASSERT_TRUE(file);
+  EXPECT_EQ(file.get(), std::istringstream::traits_type::eof());
+
+  std::vector<std::vector<float>> expected;
+  for (std::size_t k : {1U, 3U, 4U}) {  // 0 has too little confidence
+    const float grey = std::round(s.albedo[k] * 255);
+    expected.push_back({s.x[k], s.y[k], s.z[k], s.nx[k], s.ny[k], s.nz[k], grey, grey, grey,
+                        s.radius[k], s.confidence[k]});
+  }
+  EXPECT_EQ(rows, expected);
+}
+
+}  // namespace
+}  // namespace gastronaut::slam
