@@ -226,7 +226,13 @@ struct MagneticLocalizerConfiguration {
   }
 };
 
+enum class DepthSource {
+  kShading,  // DEPTH is made from the shading of each picture
+  kSensor,   // DEPTH comes from elsewhere (RGB-D); the camera carries no lamp
+};
+
 struct DepthEstimatorConfiguration {
+  DepthSource depth = DepthSource::kShading;
   // DEPTH's grid is the picture's over the smallest whole number that makes it no wider than this.
   int max_width = 320;  // pixels
   // Mean albedo of tissue in red, green and blue. camera.led_intensity times this is what
@@ -245,6 +251,9 @@ struct DepthEstimatorConfiguration {
   void check() const;
   template <class Visitor>
   void fields(Visitor& v) {
+    v("depth", depth,
+      std::vector<Choice<DepthSource>>{{"shading", DepthSource::kShading},
+                                       {"sensor", DepthSource::kSensor}});
     v("max_width", max_width, between(16, 4096));
     v("albedo", albedo);
     v("albedo_std", albedo_std, between(0.001, 1));
@@ -254,6 +263,28 @@ struct DepthEstimatorConfiguration {
     v("curvature_radius", curvature_radius, between(1e-5, 0.1, Dimension::kLength));
     v("data_std", data_std, between(1e-3, 1));
     v("vessel_scales", vessel_scales);
+  }
+};
+
+struct VisualSlamConfiguration {
+  // Typical distance of what the camera sees; all of the map's lengths go with it.
+  double working_distance = 0.04;  // metres; 2 in a room
+  int max_width = 320;             // pixels: pictures are halved (or more) until no wider
+  double rgb_weight = 0.13;        // w_rgb of the paper: weight of colour beside depth
+  double active_window = 6.7;      // seconds; what was not seen since is the map's inactive part
+  double stable_confidence = 10;   // surfels below it are removed when they stay unseen
+  double map_interval = 0.5;       // seconds between two MAP_SURFELS
+  double save_interval = 5;        // seconds between two saves of the map (--map)
+
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("working_distance", working_distance, between(1e-3, 100, Dimension::kLength));
+    v("max_width", max_width, between(80, 4096));
+    v("rgb_weight", rgb_weight, between(0, 100));
+    v("active_window", active_window, positive(Dimension::kTime));
+    v("stable_confidence", stable_confidence, positive());
+    v("map_interval", map_interval, positive(Dimension::kTime));
+    v("save_interval", save_interval, positive(Dimension::kTime));
   }
 };
 
@@ -284,6 +315,7 @@ struct RigConfiguration {
   LagConfiguration lag;
   MagneticLocalizerConfiguration magnetic_localizer;
   DepthEstimatorConfiguration depth_estimator;
+  VisualSlamConfiguration visual_slam;
 
   // Throws std::invalid_argument where sections contradict each other.
   void check() const;
@@ -299,6 +331,7 @@ struct RigConfiguration {
     v.section("lag", lag);
     v.section("magnetic_localizer", magnetic_localizer);
     v.section("depth_estimator", depth_estimator);
+    v.section("visual_slam", visual_slam);
   }
 };
 

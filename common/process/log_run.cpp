@@ -70,7 +70,9 @@ LogRunResult run_on_log(const std::vector<ProcessDescription>& descriptions,
   std::vector<Bus*> buses;
   std::vector<std::vector<double>> durations(descriptions.size());
   for (const ProcessDescription& description : descriptions) {
-    for (const std::string& output : description.outputs) replaced[output] = description.source;
+    for (const std::string& output : description.outputs(configuration)) {
+      replaced[output] = description.source;
+    }
     buses.push_back(&network.connect());
     processes.push_back(description.create(*buses.back(), configuration));
   }

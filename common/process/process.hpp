@@ -11,6 +11,10 @@
 #include "bus/bus.hpp"
 #include "configuration/rig_configuration.hpp"
 
+namespace CLI {
+class App;
+}
+
 namespace gastronaut {
 
 class Process {
@@ -26,8 +30,12 @@ struct ProcessDescription {
   // The channel whose messages its outputs are about. Where a log has none of them (pictures are
   // left out of most derived logs), the outputs that are in the log are kept.
   std::string source;
-  std::vector<std::string> outputs;  // channels it publishes: on a log they replace the log's own
+  // Channels it publishes under this configuration: on a log they replace the log's own.
+  std::function<std::vector<std::string>(const RigConfiguration&)> outputs;
   std::function<std::unique_ptr<Process>(Bus&, const RigConfiguration&)> create;
+  // What its own program's command line has besides the common options; none: nothing. The values
+  // must be there before create is called.
+  std::function<void(CLI::App&)> add_options;
 };
 
 // The command line of architecture.md, live or on a log: --config --set --lcm-url --log-in

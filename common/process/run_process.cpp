@@ -123,6 +123,7 @@ int run_process(int argc, char** argv, const ProcessDescription& description) {
   out->needs(in);
   app.add_option("--threads", options.threads, "threads to use; default: one a core")
       ->check(CLI::NonNegativeNumber);
+  if (description.add_options) description.add_options(app);
   return run_command_line(app, argc, argv, [&] {
     set_thread_count(options.threads);
     return options.log.log_in.empty() ? run_live(description, options)

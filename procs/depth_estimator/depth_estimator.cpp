@@ -82,6 +82,14 @@ const Perception& DepthEstimator::estimate(const EncodedPicture& picture,
   light_.quality = {};
   if (const PictureFailure failure = front_end_.process(picture, light_)) return refuse(failure);
   vessel_filter_.apply(light_.green_level, vessels_);
+  perception_.vessels = Plane<std::uint8_t>(vessels_.width, vessels_.height);
+  std::transform(vessels_.values.begin(), vessels_.values.end(), perception_.vessels.values.begin(),
+                 [](float response) { return static_cast<std::uint8_t>(255 * response + 0.5F); });
+  perception_.quality = light_.quality;
+  if (configuration_.depth_estimator.depth == DepthSource::kSensor) {
+    take_brightness();
+    return perception_;
+  }
   light_divider_.shade(light_, gain.value_or(1), shading_);
   std::optional<Shape> shape = shape_from_shading_.solve(shading_);
   if (!shape) {
@@ -96,13 +104,21 @@ const Perception& DepthEstimator::estimate(const EncodedPicture& picture,
   }
   shape_from_shading_.remember();
   perception_.failure = {};
-  perception_.quality = light_.quality;
   perception_.relative_std = relative_std(gain.has_value(), explained.std);
   light_divider_.divide(light_, gain.value_or(1), shape->log_shading, vessels_, perception_.albedo);
-  perception_.vessels = Plane<std::uint8_t>(vessels_.width, vessels_.height);
-  std::transform(vessels_.values.begin(), vessels_.values.end(), perception_.vessels.values.begin(),
-                 [](float response) { return static_cast<std::uint8_t>(255 * response + 0.5F); });
   return perception_;
+}
+
+void DepthEstimator::take_brightness() {
+  const Plane<float>& level = light_.green_level;
+  perception_.failure = {};
+  perception_.albedo = Plane<std::uint8_t>(level.width, level.height);
+  for (std::size_t i = 0; i < level.size(); ++i) {
+    const bool seen = (light_.flags.values[i] & kOutside) == 0;
+    // 0 says that there is nothing.
+    perception_.albedo.values[i] =
+        seen ? static_cast<std::uint8_t>(std::max(1.0F, 255 * level.values[i] + 0.5F)) : 0;
+  }
 }
 
 const Perception& DepthEstimator::refuse(const PictureFailure& failure) {

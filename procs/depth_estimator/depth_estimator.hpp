@@ -41,6 +41,8 @@ class DepthEstimator {
     double fraction = 0;  // of the pixels
     double std = 0;       // of ln light, what is unexplained among them
   };
+  // The albedo where there is no lamp to divide out.
+  void take_brightness();
   Explained drop_unexplained(const Plane<float>& log_shading);
   double relative_std(bool gain_known, double unexplained_std) const;
 

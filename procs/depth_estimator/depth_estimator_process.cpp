@@ -158,9 +158,11 @@ void DepthEstimatorProcess::handle_picture(const image_t& picture) {
   // DEPTH last: whoever joins the three has the others by then.
   bus_.publish(channel::kVessels, gray_message(picture.utime, configuration_.camera, seen.vessels));
   bus_.publish(channel::kAlbedo, albedo);
-  bus_.publish(channel::kDepth,
-               depth_message(picture.utime, seen,
-                             configuration_.depth_estimator.max_depth / kCountsToMaxDepth));
+  if (configuration_.depth_estimator.depth == DepthSource::kShading) {
+    bus_.publish(channel::kDepth,
+                 depth_message(picture.utime, seen,
+                               configuration_.depth_estimator.max_depth / kCountsToMaxDepth));
+  }
   report(seen.failure);
 }
 
@@ -181,10 +183,17 @@ ProcessDescription depth_estimator_process() {
   return {"depth_estimator",
           "Metric depth, albedo and vessels from each camera picture.",
           channel::kCamera,
-          {channel::kDepth, channel::kAlbedo, channel::kVessels},
+          [](const RigConfiguration& configuration) {
+            std::vector<std::string> outputs = {channel::kAlbedo, channel::kVessels};
+            if (configuration.depth_estimator.depth == DepthSource::kShading) {
+              outputs.push_back(channel::kDepth);
+            }
+            return outputs;
+          },
           [](Bus& bus, const RigConfiguration& configuration) {
             return std::make_unique<DepthEstimatorProcess>(bus, configuration);
-          }};
+          },
+          {}};
 }
 
 }  // namespace gastronaut

@@ -1,5 +1,7 @@
 // The process depth_estimator: CAMERA in; DEPTH, ALBEDO and VESSELS out, for every picture.
 //
+// With depth_estimator.depth = sensor another program publishes DEPTH, and there is no lamp on the
+// camera to divide out: ALBEDO is the picture's brightness then.
 // A picture that cannot be used yields outputs that are zero everywhere, with a relative_std of 1.
 // ALBEDO's metadata say which picture it was (seq), how good (sharpness, contrast, mean_level,
 // saturated_fraction, dark_fraction, highlight_fraction: PictureQuality) and, where it could not be

@@ -120,10 +120,11 @@ ProcessDescription magnetic_localizer_process() {
   return {"magnetic_localizer",
           "Localises the capsule's magnet from the Hall array, the coils' field removed.",
           channel::kHallArray,
-          {channel::kMagneticPose},
+          [](const RigConfiguration&) { return std::vector<std::string>{channel::kMagneticPose}; },
           [](Bus& bus, const RigConfiguration& configuration) {
             return std::make_unique<MagneticLocalizerProcess>(bus, configuration);
-          }};
+          },
+          {}};
 }
 
 }  // namespace gastronaut

@@ -15,6 +15,7 @@
 #include "process/command_line.hpp"
 #include "process/log_run.hpp"
 #include "process/progress.hpp"
+#include "visual_slam/visual_slam_process.hpp"
 
 namespace gastronaut {
 namespace {
@@ -60,7 +61,7 @@ void print_summary(const LogRunOptions& options, const LogRunResult& result) {
 }  // namespace
 
 std::vector<ProcessDescription> all_processes() {
-  return {magnetic_localizer_process(), depth_estimator_process()};
+  return {magnetic_localizer_process(), depth_estimator_process(), visual_slam_process()};
 }
 
 std::vector<ProcessDescription> select_processes(const std::string& only) {

@@ -20,6 +20,9 @@ struct Disc {
   float nx, ny, nz;  // towards the camera
   float plane;       // normal . centre, negative
   float radius2;
+  float albedo;  // 0 where it was never seen
+  float confidence;
+  float knows_albedo;  // 1 or 0
   std::int32_t id;
   std::int16_t first_u, last_u, first_v, last_v;
 };
@@ -97,6 +100,9 @@ bool project(const SurfelArrays& surfels, std::size_t id, const Camera& camera,
   disc.nz = normal.z();
   disc.plane = plane;
   disc.radius2 = radius * radius;
+  disc.knows_albedo = surfels.albedo[id] >= 0 ? 1 : 0;
+  disc.albedo = std::max(0.0F, surfels.albedo[id]);
+  disc.confidence = surfels.confidence[id];
   disc.id = static_cast<std::int32_t>(id);
   return true;
 }
@@ -113,63 +119,113 @@ Vector load(const Value* from) {
   return lanes;
 }
 
-// The winner so far at each pixel of some rows; rows are padded for the last lanes.
+// What the discs of some rows add up to; rows are padded for the last lanes.
 struct Band {
   int begin, end;  // rows
   std::ptrdiff_t stride;
-  std::vector<float> depth;
+  std::vector<float> nearest;  // depth; infinite: nothing there
+  // Sums over the discs of the nearest surface, weighted by what is known of them there.
+  std::vector<float> weight, depth, nx, ny, nz, albedo_weight, albedo;
+  std::vector<float> closeness;  // of the disc whose id this is
   std::vector<std::int32_t> id;  // -1: none
 
   Band(int begin_, int end_, int width)
       : begin(begin_),
         end(end_),
         stride(width + kLanes - 1),
-        depth(static_cast<std::size_t>(stride * (end - begin)),
-              std::numeric_limits<float>::infinity()),
-        id(depth.size(), -1) {}
+        nearest(static_cast<std::size_t>(stride * (end - begin)),
+                std::numeric_limits<float>::infinity()),
+        closeness(nearest.size()),
+        id(nearest.size(), -1) {
+    for (auto* sum : {&weight, &depth, &nx, &ny, &nz, &albedo_weight, &albedo}) {
+      sum->resize(nearest.size());
+    }
+  }
 };
 
-// ray_x is padded like the band's rows.
-void draw(const Disc& disc, const float* ray_x, const float* ray_y, Band& band) {
+// Where the rays of a row's pixels meet a disc.
+struct Meeting {
+  Lanes depth;
+  Lanes distance2;  // from its centre
+  Integers inside;
+
+  Meeting(const Disc& disc, const Lanes& x, float y) {
+    const Lanes slope = disc.nx * x + (disc.ny * y + disc.nz);
+    depth = disc.plane / slope;
+    const Lanes dx = depth * x - disc.x;
+    const Lanes dy = depth * y - disc.y;
+    const Lanes dz = depth - disc.z;
+    distance2 = dx * dx + dy * dy + dz * dz;
+    inside = (slope < 0) & (distance2 <= disc.radius2);
+  }
+};
+
+// visit(meeting, index of the first lane in the band's planes). ray_x is padded like them.
+template <class Visit>
+void for_each_pixel(const Disc& disc, const float* ray_x, const float* ray_y, const Band& band,
+                    const Visit& visit) {
   const int first_v = std::max<int>(disc.first_v, band.begin);
   const int last_v = std::min<int>(disc.last_v, band.end - 1);
   for (int v = first_v; v <= last_v; ++v) {
-    const float y = ray_y[v];
-    const float row_slope = disc.ny * y + disc.nz;
     for (int u = disc.first_u; u <= disc.last_u; u += kLanes) {
-      const Lanes x = load<Lanes>(ray_x + u);
-      const Lanes slope = disc.nx * x + row_slope;
-      const Lanes depth = disc.plane / slope;
-      const Lanes dx = depth * x - disc.x;
-      const Lanes dy = depth * y - disc.y;
-      const Lanes dz = depth - disc.z;
-      const Integers inside = (slope < 0) & (dx * dx + dy * dy + dz * dz <= disc.radius2);
-      float* best_depth = band.depth.data() + (v - band.begin) * band.stride + u;
-      std::int32_t* best_id = band.id.data() + (v - band.begin) * band.stride + u;
-      const Lanes old_depth = load<Lanes>(best_depth);
-      const Integers old_id = load<Integers>(best_id);
-      const Integers wins =
-          inside & ((depth < old_depth) | ((depth == old_depth) & (disc.id < old_id)));
-      const Lanes new_depth = wins ? depth : old_depth;
-      const Integers new_id = wins ? disc.id - Integers{} : old_id;
-      std::memcpy(best_depth, &new_depth, sizeof new_depth);
-      std::memcpy(best_id, &new_id, sizeof new_id);
+      visit(Meeting(disc, load<Lanes>(ray_x + u), ray_y[v]), (v - band.begin) * band.stride + u);
     }
   }
 }
 
-void fill(const SurfelArrays& surfels, const Camera& camera, float depth, std::int32_t winner,
-          std::size_t pixel, ModelView& view) {
+void find_nearest(const Disc& disc, const float* ray_x, const float* ray_y, Band& band) {
+  for_each_pixel(disc, ray_x, ray_y, band, [&](const Meeting& meeting, std::ptrdiff_t at) {
+    const Lanes old = load<Lanes>(band.nearest.data() + at);
+    const Lanes nearest = meeting.inside & (meeting.depth < old) ? meeting.depth : old;
+    std::memcpy(band.nearest.data() + at, &nearest, sizeof nearest);
+  });
+}
+
+// `same_surface`: this times the nearest depth is still the nearest surface.
+void add(const Disc& disc, const float* ray_x, const float* ray_y, float same_surface, Band& band) {
+  for_each_pixel(disc, ray_x, ray_y, band, [&](const Meeting& meeting, std::ptrdiff_t at) {
+    const Integers counts =
+        meeting.inside & (meeting.depth <= same_surface * load<Lanes>(band.nearest.data() + at));
+    const Lanes zero{};
+    // Never nothing, so that what is met by a disc's rim alone is drawn too.
+    constexpr float kRim = 1e-3F;
+    const Lanes closeness = counts ? 1 + kRim - meeting.distance2 / disc.radius2 : zero;
+    const Lanes weight = closeness * disc.confidence;
+    const auto increase = [at](std::vector<float>& sum, const Lanes& by) {
+      const Lanes now = load<Lanes>(sum.data() + at) + by;
+      std::memcpy(sum.data() + at, &now, sizeof now);
+    };
+    increase(band.weight, weight);
+    increase(band.depth, counts ? weight * meeting.depth : zero);
+    increase(band.nx, weight * disc.nx);
+    increase(band.ny, weight * disc.ny);
+    increase(band.nz, weight * disc.nz);
+    increase(band.albedo_weight, weight * disc.knows_albedo);
+    increase(band.albedo, weight * disc.albedo);
+    const Lanes old_closeness = load<Lanes>(band.closeness.data() + at);
+    const Integers old_id = load<Integers>(band.id.data() + at);
+    const Integers wins = counts & ((closeness > old_closeness) |
+                                    ((closeness == old_closeness) & (disc.id < old_id)));
+    const Lanes new_closeness = wins ? closeness : old_closeness;
+    const Integers new_id = wins ? disc.id - Integers{} : old_id;
+    std::memcpy(band.closeness.data() + at, &new_closeness, sizeof new_closeness);
+    std::memcpy(band.id.data() + at, &new_id, sizeof new_id);
+  });
+}
+
+void fill(const SurfelArrays& surfels, const Band& band, std::size_t from, std::size_t pixel,
+          ModelView& view) {
+  const std::int32_t winner = band.id[from];
   const bool seen = winner >= 0;
-  const auto id = static_cast<std::size_t>(winner);
-  const Eigen::Vector3f normal =
-      seen ? Eigen::Vector3f(camera.rotation * normal_of(surfels, id)) : Eigen::Vector3f::Zero();
-  view.depth.values[pixel] = seen ? depth : 0;
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();
+  if (seen) normal = Eigen::Vector3f(band.nx[from], band.ny[from], band.nz[from]).normalized();
+  view.depth.values[pixel] = seen ? band.depth[from] / band.weight[from] : 0;
   view.normal_x.values[pixel] = normal.x();
   view.normal_y.values[pixel] = normal.y();
   view.normal_z.values[pixel] = normal.z();
-  view.albedo.values[pixel] = seen ? surfels.albedo[id] : -1;
-  view.confidence.values[pixel] = seen ? surfels.confidence[id] : 0;
+  const float albedo_weight = band.albedo_weight[from];
+  view.albedo.values[pixel] = albedo_weight > 0 ? band.albedo[from] / albedo_weight : -1;
+  view.confidence.values[pixel] = seen ? surfels.confidence[static_cast<std::size_t>(winner)] : 0;
   view.surfel.values[pixel] = winner;
 }
 
@@ -179,6 +235,7 @@ void splat(const SurfelArrays& surfels, const std::vector<std::span<const std::i
            const SplatOptions& options, ModelView& view) {
   const Camera camera(view);
   const int width = camera.width;
+  const auto same_surface = static_cast<float>(1 + options.surface_thickness);
   for (Plane<float>* plane : {&view.depth, &view.normal_x, &view.normal_y, &view.normal_z,
                               &view.albedo, &view.confidence}) {
     if (!plane->same_size(width, camera.height)) *plane = Plane<float>(width, camera.height);
@@ -222,17 +279,21 @@ void splat(const SurfelArrays& surfels, const std::vector<std::span<const std::i
 
   parallel_for_chunks(ray_y.size(), kBandHeight, [&](std::size_t begin, std::size_t end) {
     Band band(static_cast<int>(begin), static_cast<int>(end), width);
-    for (const Piece& piece : pieces) {
-      if (piece.last_v < band.begin || piece.first_v >= band.end) continue;
-      for (std::size_t k = piece.first_disc; k < piece.first_disc + piece.num_discs; ++k) {
-        draw(discs[k], ray_x.data(), ray_y.data(), band);
+    const auto for_each_disc = [&](const auto& visit) {
+      for (const Piece& piece : pieces) {
+        if (piece.last_v < band.begin || piece.first_v >= band.end) continue;
+        for (std::size_t k = piece.first_disc; k < piece.first_disc + piece.num_discs; ++k) {
+          visit(discs[k]);
+        }
       }
-    }
+    };
+    for_each_disc([&](const Disc& disc) { find_nearest(disc, ray_x.data(), ray_y.data(), band); });
+    for_each_disc(
+        [&](const Disc& disc) { add(disc, ray_x.data(), ray_y.data(), same_surface, band); });
     for (std::size_t v = begin; v < end; ++v) {
       const std::size_t row = (v - begin) * static_cast<std::size_t>(band.stride);
       for (std::size_t u = 0; u < static_cast<std::size_t>(width); ++u) {
-        fill(surfels, camera, band.depth[row + u], band.id[row + u],
-             v * static_cast<std::size_t>(width) + u, view);
+        fill(surfels, band, row + u, v * static_cast<std::size_t>(width) + u, view);
       }
     }
   });

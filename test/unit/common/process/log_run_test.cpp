@@ -32,12 +32,12 @@ class EchoProcess : public Process {
 };
 
 ProcessDescription echo() {
-  return {
-      "echo",
-      "Echoes.",
-      channel::kHallArray,
-      {channel::kMagneticPose},
-      [](Bus& bus, const RigConfiguration& c) { return std::make_unique<EchoProcess>(bus, c); }};
+  return {"echo",
+          "Echoes.",
+          channel::kHallArray,
+          [](const RigConfiguration&) { return std::vector<std::string>{channel::kMagneticPose}; },
+          [](Bus& bus, const RigConfiguration& c) { return std::make_unique<EchoProcess>(bus, c); },
+          {}};
 }
 
 class LogRunTest : public ::testing::Test {

@@ -72,20 +72,48 @@ TEST(SurfelView, DiscCoversTheEllipseThatItsTiltMakes) {
   }
 }
 
-TEST(SurfelView, NearestWinsAndTiesGoToTheLowestId) {
+TEST(SurfelView, DiscsOfTheNearestSurfaceAreAveragedAndOthersHidden) {
   SurfelArrays surfels;
   const Eigen::Vector3d normal(0, 0, -1);
   for (const double depth : {0.06, 0.05, 0.05, 0.07}) {
     add(surfels, kU, kV, depth, normal, 0.005);
   }
+  // Both are met in their centres: their confidences alone weigh them.
+  const float expected = (2 * surfels.albedo[1] + 3 * surfels.albedo[2]) /
+                         (surfels.confidence[1] + surfels.confidence[2]);
+  constexpr float kRounding = 1e-6F;
   for (const std::vector<std::int32_t>& order :
        {std::vector<std::int32_t>{0, 1, 2, 3}, {3, 2, 1, 0}, {2, 0, 1, 3}}) {
     const ModelView view = view_of(surfels, order);
-    EXPECT_EQ(view.surfel.at(kU, kV), 1);
-    EXPECT_EQ(view.albedo.at(kU, kV), surfels.albedo[1]);
+    EXPECT_EQ(view.surfel.at(kU, kV), 1);  // of equals the lowest id
+    EXPECT_NEAR(view.depth.at(kU, kV), 0.05F, kRounding);
+    EXPECT_NEAR(view.albedo.at(kU, kV), expected, kRounding);
     EXPECT_EQ(view.confidence.at(kU, kV), surfels.confidence[1]);
     EXPECT_EQ(view.normal_z.at(kU, kV), -1);
   }
+}
+
+TEST(SurfelView, NoiseOfOverlappingDiscsDoesNotBringTheSurfaceNearer) {
+  // As the nearest of several discs alone would: by more than half a sigma of their noise.
+  constexpr double kDepth = 0.05;
+  constexpr double kNoise = 0.01 * kDepth;
+  SurfelArrays surfels;
+  for (int v = 10; v < kSceneGrid.height - 10; ++v) {
+    for (int u = 10; u < kSceneGrid.width - 10; ++u) {
+      const double noise = ((u * 7 + v * 13) % 11 - 5) / 3.16;  // mean 0, variance 1
+      add(surfels, u, v, kDepth + kNoise * noise, {0, 0, -1}, 2 * kDepth / kSceneGrid.fx);
+      surfels.confidence.back() = 1;
+    }
+  }
+  const ModelView view = view_of(surfels);
+  double sum = 0;
+  int pixels = 0;
+  for (int v = 15; v < kSceneGrid.height - 15; ++v) {
+    for (int u = 15; u < kSceneGrid.width - 15; ++u, ++pixels) {
+      sum += static_cast<double>(view.depth.at(u, v)) - kDepth;
+    }
+  }
+  EXPECT_LT(std::abs(sum / pixels), 0.1 * kNoise);
 }
 
 TEST(SurfelView, DiscOverTheEdgeOfThePictureIsCutThere) {

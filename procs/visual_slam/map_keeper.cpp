@@ -1,0 +1,41 @@
+#include "visual_slam/map_keeper.hpp"
+
+#include <chrono>
+#include <exception>
+#include <utility>
+
+#include "visual_slam/surfel_file.hpp"
+
+namespace gastronaut::slam {
+
+bool MapKeeper::save(SurfelArrays snapshot) {
+  if (writing_.valid()) {
+    if (writing_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
+    collect();
+  }
+  writing_ =
+      std::async(std::launch::async, [path = path_, kept = std::move(snapshot)]() -> std::string {
+        try {
+          save_surfels(path, kept);
+        } catch (const std::exception& error) {
+          return error.what();
+        }
+        return {};
+      });
+  return true;
+}
+
+void MapKeeper::wait() {
+  if (writing_.valid()) collect();
+}
+
+const std::string& MapKeeper::problem() {
+  if (writing_.valid() && writing_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
+    collect();
+  }
+  return problem_;
+}
+
+void MapKeeper::collect() { problem_ = writing_.get(); }
+
+}  // namespace gastronaut::slam

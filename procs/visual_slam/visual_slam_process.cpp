@@ -1,0 +1,298 @@
+#include "visual_slam/visual_slam_process.hpp"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+
+#include "gastronaut/map_surfels_t.hpp"
+#include "gastronaut/visual_pose_t.hpp"
+#include "pictures/depth_counts.hpp"
+#include "process/channels.hpp"
+#include "visual_slam/surfel_file.hpp"
+
+namespace gastronaut {
+namespace {
+
+constexpr double kMicroseconds = 1e6;
+// Surfels in one message live: 2 MB, a fraction of the receive buffer.
+constexpr std::size_t kMostSurfels = 50'000;
+constexpr std::int64_t kLargestSide = 16384;  // pixels, as the configuration's camera
+
+std::optional<std::string> metadata(const image_t& picture, const std::string& key) {
+  for (const image_metadata_t& entry : picture.metadata) {
+    if (entry.key == key) return std::string(entry.value.begin(), entry.value.end());
+  }
+  return std::nullopt;
+}
+
+slam::PictureHealth health_of(const image_t& albedo) {
+  slam::PictureHealth health;
+  health.failure = metadata(albedo, "failure").value_or("");
+  health.failure_message = metadata(albedo, "failure_message").value_or("");
+  if (const auto text = metadata(albedo, "sharpness")) {
+    double sharpness = 0;
+    const auto [end, error] = std::from_chars(text->data(), text->data() + text->size(), sharpness);
+    if (error == std::errc() && sharpness > 0 && sharpness < 1e3) health.sharpness = sharpness;
+  }
+  return health;
+}
+
+bool finite(std::initializer_list<double> values) {
+  return std::all_of(values.begin(), values.end(),
+                     [](double value) { return std::isfinite(value); });
+}
+
+// Nothing for a message that is not a depth picture.
+std::optional<slam::DepthCounts> depth_counts(const depth_image_t& message) {
+  const bool possible = message.width > 0 && message.width <= kLargestSide && message.height > 0 &&
+                        message.height <= kLargestSide &&
+                        finite({message.fx, message.fy, message.cx, message.cy,
+                                message.metres_per_count, message.relative_std}) &&
+                        message.fx > 0 && message.fy > 0 && message.metres_per_count > 0 &&
+                        message.relative_std >= 0;
+  const std::optional<DepthEncoding> encoding = depth_encoding(message.encoding);
+  if (!possible || !encoding) return std::nullopt;
+  auto counts = decode_depth_counts(*encoding, message.data, message.width, message.height);
+  if (!counts) return std::nullopt;
+  return slam::DepthCounts{
+      {message.width, message.height, message.fx, message.fy, message.cx, message.cy},
+      std::move(*counts),
+      message.metres_per_count,
+      message.relative_std};
+}
+
+// ALBEDO comes on the pixels of the undistorted camera. Nothing for another kind of picture.
+std::optional<slam::AlbedoLevels> albedo_levels(const image_t& message,
+                                                const CameraConfiguration& camera) {
+  const std::size_t pixels =
+      static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height);
+  if (message.pixelformat != image_t::PIXEL_FORMAT_GRAY || message.width != camera.width ||
+      message.height != camera.height || message.row_stride != camera.width ||
+      message.data.size() != pixels) {
+    return std::nullopt;
+  }
+  return slam::AlbedoLevels{
+      {camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy}, message.data};
+}
+
+slam::VisualSlamOptions options_of(const RigConfiguration& configuration) {
+  const VisualSlamConfiguration& chosen = configuration.visual_slam;
+  slam::VisualSlamOptions options;
+  options.tracker.rgb_weight = chosen.rgb_weight;
+  options.map.working_distance = chosen.working_distance;
+  options.map.active_window = chosen.active_window;
+  options.map.stable_confidence = chosen.stable_confidence;
+  return options;
+}
+
+slam::VisualSlam make_slam(const RigConfiguration& configuration, const MapFiles& files) {
+  if (files.map.empty() || !std::filesystem::exists(files.map)) {
+    return slam::VisualSlam(options_of(configuration));
+  }
+  slam::SurfelArrays kept = slam::load_surfels(files.map);
+  spdlog::info("{}: a map of {} surfels", files.map, kept.size());
+  return slam::VisualSlam(options_of(configuration), std::move(kept));
+}
+
+std::uint8_t level(float albedo) {
+  return static_cast<std::uint8_t>(std::lround(255 * std::clamp(albedo, 0.0F, 1.0F)));
+}
+
+void add_surfel(const slam::SurfelArrays& surfels, std::int32_t id, map_surfels_t& message) {
+  const auto k = static_cast<std::size_t>(id);
+  message.id.push_back(id);
+  message.x.push_back(surfels.x[k]);
+  message.y.push_back(surfels.y[k]);
+  message.z.push_back(surfels.z[k]);
+  message.nx.push_back(surfels.nx[k]);
+  message.ny.push_back(surfels.ny[k]);
+  message.nz.push_back(surfels.nz[k]);
+  const std::uint8_t grey = level(surfels.albedo[k]);
+  message.red.push_back(grey);
+  message.green.push_back(grey);
+  message.blue.push_back(grey);
+  message.radius.push_back(surfels.radius[k]);
+  message.confidence.push_back(surfels.confidence[k]);
+}
+
+}  // namespace
+
+VisualSlamProcess::VisualSlamProcess(Bus& bus, const RigConfiguration& configuration,
+                                     const MapFiles& files)
+    : bus_(bus),
+      configuration_(configuration),
+      files_(files),
+      slam_(make_slam(configuration, files)),
+      keeper_(files.map) {
+  // ALBEDO first: of one utime it is handled before DEPTH.
+  bus.subscribe<image_t>(
+      channel::kAlbedo, configuration.lag.derived,
+      [this](const image_t& message) { handle_albedo(message); }, Overload::kKeepNewest);
+  bus.subscribe<depth_image_t>(
+      channel::kDepth, configuration.lag.derived,
+      [this](const depth_image_t& message) { handle_depth(message); }, Overload::kKeepNewest);
+}
+
+void VisualSlamProcess::handle_albedo(const image_t& message) {
+  if (albedo_) publish_lost(albedo_->utime, "no depth", "ALBEDO came without its DEPTH");
+  albedo_ = message;
+}
+
+void VisualSlamProcess::handle_depth(const depth_image_t& message) {
+  const std::optional<image_t> albedo = std::exchange(albedo_, std::nullopt);
+  if (albedo && albedo->utime == message.utime) {
+    handle_frame(*albedo, message);
+    return;
+  }
+  if (albedo) publish_lost(albedo->utime, "no depth", "ALBEDO came without its DEPTH");
+  publish_lost(message.utime, "no albedo", "DEPTH came without its ALBEDO");
+}
+
+// A frame's way: tracked against the map, merged into it, the map's news published.
+void VisualSlamProcess::handle_frame(const image_t& albedo, const depth_image_t& depth) {
+  const auto levels = albedo_levels(albedo, configuration_.camera);
+  const auto counts = depth_counts(depth);
+  if (!levels || !counts) {
+    publish_lost(
+        depth.utime, "corrupt",
+        fmt::format("{} of {}x{} cannot be used: not what the configuration's camera gives",
+                    levels ? "DEPTH" : "ALBEDO", levels ? depth.width : albedo.width,
+                    levels ? depth.height : albedo.height));
+    return;
+  }
+  slam::Frame frame;
+  try {
+    frame = assemble_frame(depth.utime, *counts, *levels, configuration_.visual_slam.max_width);
+  } catch (const std::invalid_argument& error) {
+    publish_lost(depth.utime, "corrupt", error.what());
+    return;
+  }
+  const slam::SlamPose pose = slam_.track(frame, health_of(albedo));
+  publish(pose);
+  slam_.merge();
+  if (frame.utime >= map_due_) {
+    publish_map(frame.utime, kMostSurfels);
+    map_due_ = frame.utime + std::llround(configuration_.visual_slam.map_interval * kMicroseconds);
+  }
+  if (!files_.map.empty() && frame.utime >= save_due_ && slam_.map().size() > 0) {
+    keeper_.save(slam_.map().surfels());
+    save_due_ =
+        frame.utime + std::llround(configuration_.visual_slam.save_interval * kMicroseconds);
+  }
+}
+
+void VisualSlamProcess::publish_lost(std::int64_t utime, const std::string& kind,
+                                     const std::string& message) {
+  publish(slam_.lost(utime, {.failure = kind, .failure_message = message}));
+}
+
+void VisualSlamProcess::publish(const slam::SlamPose& pose) {
+  visual_pose_t message{};
+  message.utime = pose.utime;
+  message.status = static_cast<std::int8_t>(pose.status);
+  const Eigen::Vector3d& t = pose.map_T_camera.translation;
+  const Eigen::Quaterniond& q = pose.map_T_camera.rotation;
+  std::copy_n(t.data(), 3, message.position);
+  const double wxyz[] = {q.w(), q.x(), q.y(), q.z()};
+  std::copy_n(wxyz, 4, message.orientation);
+  for (int i = 0; i < 6; ++i) {
+    for (int j = 0; j < 6; ++j) message.covariance[i][j] = pose.covariance(i, j);
+  }
+  message.icp_rms = pose.icp_rms;
+  message.rgb_rms = pose.rgb_rms;
+  message.inlier_fraction = pose.inlier_fraction;
+  bus_.publish(channel::kVisualPose, message);
+  last_utime_ = pose.utime;
+  report(pose);
+}
+
+// What has changed since the last message, in portions that the network carries.
+void VisualSlamProcess::publish_map(std::int64_t utime, std::size_t most) {
+  map_surfels_t message{};
+  message.utime = utime;
+  message.reset = map_announced_ ? 0 : 1;
+  if (published_ == increment_.changed.size()) {
+    increment_ = slam_.take_increment();
+    published_ = 0;
+    message.removed = increment_.removed;
+  }
+  const slam::SurfelArrays& surfels = slam_.map().surfels();
+  const std::size_t end = std::min(increment_.changed.size(), published_ + most);
+  for (; published_ < end; ++published_) {
+    const std::int32_t id = increment_.changed[published_];
+    if (surfels.holds(static_cast<std::size_t>(id))) add_surfel(surfels, id, message);
+  }
+  message.num_surfels = static_cast<std::int32_t>(message.id.size());
+  message.num_removed = static_cast<std::int32_t>(message.removed.size());
+  bus_.publish(channel::kMapSurfels, message);
+  map_announced_ = true;
+}
+
+void VisualSlamProcess::report(const slam::SlamPose& pose) {
+  ++frames_;
+  if (pose.status == slam::SlamStatus::kLost) ++lost_;
+  std::string text;
+  if (!pose.cause.empty()) last_cause_ = pose.cause;
+  if (!last_cause_.empty()) {
+    text = fmt::format("{} of {} frames lost, last cause: {}", lost_, frames_, last_cause_);
+  }
+  if (!files_.map.empty() && !keeper_.problem().empty()) {
+    text += (text.empty() ? "" : "; ") + ("the map is not kept: " + keeper_.problem());
+  }
+  const bool well =
+      pose.status == slam::SlamStatus::kOk || pose.status == slam::SlamStatus::kRelocalised;
+  bus_.set_health(well ? ProcessState::kRunning : ProcessState::kDegraded, text);
+}
+
+void VisualSlamProcess::finish() {
+  if (albedo_) {
+    publish_lost(albedo_->utime, "no depth", "ALBEDO came without its DEPTH");
+    albedo_.reset();
+  }
+  // Twice: the rest of the portion under way, and what has changed since it was taken.
+  constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
+  if (published_ < increment_.changed.size()) publish_map(last_utime_ + 1, kAll - published_);
+  if (slam_.map().size() > 0) publish_map(last_utime_ + 2, kAll);
+  if (!files_.map.empty() && slam_.map().size() > 0) {
+    keeper_.wait();
+    keeper_.save(slam_.map().surfels());
+    keeper_.wait();
+    if (!keeper_.problem().empty()) spdlog::error("{}", keeper_.problem());
+  }
+  if (!files_.points.empty()) {
+    slam::export_ply(files_.points, slam_.map().surfels(),
+                     configuration_.visual_slam.stable_confidence);
+  }
+}
+
+ProcessDescription visual_slam_process() {
+  const auto files = std::make_shared<MapFiles>();
+  return {"visual_slam",
+          "Tracks the camera against its own dense map, and builds that map.",
+          channel::kDepth,
+          [](const RigConfiguration&) {
+            return std::vector<std::string>{channel::kVisualPose, channel::kMapSurfels};
+          },
+          [files](Bus& bus, const RigConfiguration& configuration) {
+            return std::make_unique<VisualSlamProcess>(bus, configuration, *files);
+          },
+          [files](CLI::App& app) {
+            app.add_option("--map", files->map,
+                           "keep the map in this file: go on with it if it is there, save it every "
+                           "visual_slam.save_interval seconds");
+            app.add_option("--export-points", files->points,
+                           "at the end, write the stable surfels to this PLY file");
+            app.add_option("--export-mesh", files->mesh,
+                           "at the end, write a triangle mesh of the map to this PLY file");
+          }};
+}
+
+}  // namespace gastronaut

@@ -1,0 +1,66 @@
+// The process visual_slam: DEPTH and ALBEDO in; VISUAL_POSE for each of them out, MAP_SURFELS a few
+// times a second.
+//
+// A frame is a DEPTH and an ALBEDO of one utime; where one of the two is missing, or the picture
+// could not be used, VISUAL_POSE says LOST. The first MAP_SURFELS has `reset` set; colours are the
+// albedo's grey. When a log ends, or the process, what was not yet published of the map follows.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "gastronaut/depth_image_t.hpp"
+#include "gastronaut/image_t.hpp"
+#include "process/process.hpp"
+#include "visual_slam/frame_assembly.hpp"
+#include "visual_slam/map_keeper.hpp"
+#include "visual_slam/visual_slam.hpp"
+
+namespace gastronaut {
+
+// What the program's own options ask for.
+struct MapFiles {
+  std::string map;     // read at the start if it is there, kept up to date; empty: none
+  std::string points;  // PLY of the surfels, written at the end; empty: none
+  std::string mesh;    // PLY of the triangle mesh, likewise
+};
+
+class VisualSlamProcess : public Process {
+ public:
+  // Throws std::runtime_error for a kept map that cannot be read.
+  VisualSlamProcess(Bus& bus, const RigConfiguration& configuration, const MapFiles& files);
+
+  void finish() override;
+
+ private:
+  void handle_albedo(const image_t& message);
+  void handle_depth(const depth_image_t& message);
+  void handle_frame(const image_t& albedo, const depth_image_t& depth);
+  void publish_lost(std::int64_t utime, const std::string& kind, const std::string& message);
+  void publish(const slam::SlamPose& pose);
+  void publish_map(std::int64_t utime, std::size_t most);
+  void report(const slam::SlamPose& pose);
+
+  Bus& bus_;
+  RigConfiguration configuration_;
+  MapFiles files_;
+  slam::VisualSlam slam_;
+  slam::MapKeeper keeper_;
+
+  std::optional<image_t> albedo_;  // waits for its DEPTH
+  slam::MapIncrement increment_;   // being published
+  std::size_t published_ = 0;      // of increment_.changed
+  bool map_announced_ = false;
+  std::int64_t last_utime_ = 0;
+  std::int64_t map_due_ = 0;  // utime of the next MAP_SURFELS
+  std::int64_t save_due_ = 0;
+  std::int64_t frames_ = 0;
+  std::int64_t lost_ = 0;
+  std::string last_cause_;
+};
+
+ProcessDescription visual_slam_process();
+
+}  // namespace gastronaut
