@@ -58,6 +58,14 @@ void print_summary(const Metrics& metrics) {
                             "DEPTH.scale.mean",
                             "DEPTH.scale.std",
                             "DEPTH.normalised_error",
+                            "map.surfels",
+                            "map.stable",
+                            "surface.none.mean",
+                            "surface.trajectory.mean",
+                            "surface.all.mean",
+                            "surface.handa.mean",
+                            "surface.paper.mean",
+                            "surface.completeness.within_1.5mm",
                             ".spread",
                             ".spread_over_contrast",
                             ".spread_over_local_contrast",
@@ -93,7 +101,8 @@ int finish_report(const Options& options) {
 
 int score_log(const Options& options) {
   make_folder(options.out);
-  print_summary(evaluation::evaluate_log(options.log, options.out, options.frames));
+  print_summary(
+      evaluation::evaluate_log(options.log, options.out, options.frames, options.surface));
   return finish_report(options);
 }
 
@@ -115,15 +124,16 @@ int score_trajectories(const Options& options) {
 
 int run_evaluate(int argc, char** argv) {
   CLI::App app(
-      "Scores the poses and pictures of a derived log against the ground truth in it, into a\n"
-      "folder with index.html, metrics.json, trajectories and series.\n\n"
+      "Scores the poses, pictures and map of a derived log against the ground truth in it, into\n"
+      "a folder with index.html, metrics.json, trajectories, series and the map.\n\n"
       "Example: evaluate derived.lcmlog --out report/",
       "evaluate");
   Options options;
   app.add_option("log", options.log, "log that replay or a process wrote")
       ->check(CLI::ExistingFile);
   app.add_option("--out", options.out, "folder of the report, made where missing");
-  app.add_option("--surface", options.surface, "true surface (PLY), drawn with the trajectories")
+  app.add_option("--surface", options.surface,
+                 "true surface (PLY, rig frame): the map is measured against it")
       ->check(CLI::ExistingFile);
   app.add_option("--frames", options.frames,
                  "numbers of the pictures to show, as in 0,100,200 (default: 6 over the log)")

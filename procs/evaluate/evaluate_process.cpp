@@ -7,6 +7,7 @@
 #include <gastronaut/hall_array_t.hpp>
 #include <gastronaut/image_t.hpp>
 #include <gastronaut/magnetic_pose_t.hpp>
+#include <gastronaut/map_surfels_t.hpp>
 #include <gastronaut/pose_t.hpp>
 #include <gastronaut/rig_config_t.hpp>
 #include <gastronaut/rigid_transform_t.hpp>
@@ -140,6 +141,7 @@ class RunReader {
   void handle_configuration(const rig_config_t& message);
   void handle_hall(const hall_array_t& message);
   void handle_depth(depth_image_t message, bool is_truth);
+  void handle_map(const map_surfels_t& message);
   void compare(const depth_image_t& estimate, const depth_image_t& truth);
   void add_notes();
 
@@ -162,6 +164,7 @@ class RunReader {
   PoseChannel visual_ = visual_pose_channel();
   PoseChannel state_ = capsule_state_channel();
   PoseChannel pose_ = capsule_pose_channel();
+  SurfelStore surfels_;
   std::map<std::int64_t, depth_image_t> pending_depth_[2];  // estimates, truth; still encoded
   std::size_t unmatched_depth_ = 0;
   std::size_t undecodable_depth_ = 0;
@@ -220,6 +223,20 @@ void RunReader::handle_depth(depth_image_t message, bool is_truth) {
   }
 }
 
+void RunReader::handle_map(const map_surfels_t& message) {
+  if (message.reset) surfels_.reset();
+  for (const std::int32_t id : message.removed) surfels_.remove(id);
+  for (std::size_t i = 0; i < message.id.size(); ++i) {
+    const Surfel surfel{{message.x[i], message.y[i], message.z[i]},
+                        {message.nx[i], message.ny[i], message.nz[i]},
+                        {message.red[i], message.green[i], message.blue[i]},
+                        message.radius[i],
+                        message.confidence[i]};
+    if (!surfels_.set(message.id[i], surfel)) ++run_.map.refused;
+  }
+  run_.map.sizes.push_back({message.utime, surfels_.size(), surfels_.stable()});
+}
+
 void RunReader::compare(const depth_image_t& estimate, const depth_image_t& truth) {
   const auto estimated = decode_depth(estimate);
   const auto expected = decode_depth(truth);
@@ -252,6 +269,8 @@ void RunReader::handle(const LogReader::Event& event) {
     handle_pose<capsule_state_t>(event, state_);
   } else if (event.channel == channel::kCapsulePose) {
     handle_pose<pose_t>(event, pose_);
+  } else if (event.channel == channel::kMapSurfels) {
+    if (const auto message = decode<map_surfels_t>(event)) handle_map(*message);
   } else if (event.channel == channel::kDepth || event.channel == channel::kGroundTruthDepth) {
     if (auto message = decode<depth_image_t>(event)) {
       const bool is_truth = event.channel == channel::kGroundTruthDepth;
@@ -321,6 +340,7 @@ RecordedRun RunReader::read(const std::string& path, const std::function<void(do
     if (channel->fixes.empty()) continue;
     run_.pose_channels.push_back(std::move(*channel));
   }
+  run_.map.surfels = surfels_.list();
   std::vector<std::int64_t>& utimes = run_.frame_utimes;
   std::sort(utimes.begin(), utimes.end());
   utimes.erase(std::unique(utimes.begin(), utimes.end()), utimes.end());

@@ -12,6 +12,7 @@
 #include "configuration/rig_configuration.hpp"
 #include "evaluate/depth_errors.hpp"
 #include "evaluate/pose_channel.hpp"
+#include "evaluate/surfel_store.hpp"
 #include "evaluate/trajectory.hpp"
 
 namespace gastronaut::evaluation {
@@ -37,6 +38,18 @@ struct DepthSeries {
   DepthProfile profile;  // of all frames
 };
 
+struct MapSize {
+  std::int64_t utime = 0;
+  std::size_t surfels = 0;
+  std::size_t stable = 0;
+};
+
+struct MapRecord {
+  std::vector<Surfel> surfels;  // after the last message, by id
+  std::vector<MapSize> sizes;   // after each message
+  std::size_t refused = 0;      // surfels that were none
+};
+
 struct RecordedRun {
   std::optional<RigConfiguration> configuration;
   std::string configuration_name;
@@ -49,6 +62,7 @@ struct RecordedRun {
   std::vector<PoseChannel> pose_channels;  // those with messages
   std::vector<HallReading> hall_readings;
   DepthSeries depth;
+  MapRecord map;
   // With CAMERA, DEPTH, ALBEDO or VESSELS, ascending; a frame's number counts them from 0.
   std::vector<std::int64_t> frame_utimes;
   std::map<std::string, std::size_t> failures;  // of pictures, as ALBEDO names them

@@ -9,6 +9,7 @@
 
 #include "evaluate/cramer_rao.hpp"
 #include "evaluate/evaluate_process.hpp"
+#include "evaluate/map_evaluation.hpp"
 #include "evaluate/picture_evaluation.hpp"
 #include "evaluate/report.hpp"
 #include "evaluate/trajectory_file.hpp"
@@ -153,7 +154,7 @@ Trajectory truth_trajectory(const TruthTrack& truth, const SE3& camera_T_target)
 }  // namespace
 
 Metrics evaluate_log(const std::string& log, const std::string& folder,
-                     const std::vector<std::size_t>& frames) {
+                     const std::vector<std::size_t>& frames, const std::string& surface) {
   RecordedRun run;
   {
     Progress progress("reading " + log);
@@ -194,7 +195,8 @@ Metrics evaluate_log(const std::string& log, const std::string& folder,
   if (!bounds_set) set_bound_metrics(metrics, bounds, nullptr, nullptr);
   set_depth_metrics(metrics, run.depth);
   if (!run.depth.frames.empty()) write_depth_series(folder, run.depth);
-  evaluate_pictures(metrics, log, folder, frames, run);
+  const std::vector<ShownFrame> shown = evaluate_pictures(metrics, log, folder, frames, run);
+  evaluate_map(metrics, folder, surface, shown, run);
   if (!set_timing_metrics(metrics, log + ".timing.json")) {
     run.notes.push_back("there is no " + std::filesystem::path(log).filename().string() +
                         ".timing.json beside the log (replay writes it): no times per event");

@@ -10,8 +10,9 @@ namespace gastronaut::evaluation {
 
 // Writes all of the report but the plots into the existing `folder` and returns the figures, with
 // what could not be evaluated as note.1, note.2 and so on. `frames`: numbers of the pictures to
-// show; none: a few. Throws std::runtime_error.
+// show; none: a few. `surface`: a PLY file that the map is compared with, or empty. Throws
+// std::runtime_error.
 Metrics evaluate_log(const std::string& log, const std::string& folder,
-                     const std::vector<std::size_t>& frames = {});
+                     const std::vector<std::size_t>& frames = {}, const std::string& surface = "");
 
 }  // namespace gastronaut::evaluation

@@ -65,6 +65,7 @@ class PictureEvaluation {
   // Of the frames that are needed, ascending.
   const std::vector<std::int64_t>& utimes() const { return utimes_; }
   PictureProblems& problems() { return problems_; }
+  const std::vector<ShownFrame>& shown() const { return shown_frames_; }
 
   void use(const Frame& frame) {
     const std::optional<PinholeGrid> grid = picture_grid(frame);
@@ -74,6 +75,7 @@ class PictureEvaluation {
     const auto number = static_cast<std::size_t>(place - run_.frame_utimes.begin());
     if (std::binary_search(shown_.begin(), shown_.end(), number)) {
       const std::int64_t start = run_.frame_utimes.front();
+      shown_frames_.push_back({number, frame.utime, grid});
       views_.write(number, static_cast<double>(frame.utime - start) * 1e-6, frame, input);
     }
     if (grid && std::binary_search(followed_.begin(), followed_.end(), frame.utime)) {
@@ -169,6 +171,7 @@ class PictureEvaluation {
   std::vector<std::int64_t> utimes_;    // of both
   std::vector<std::string> kinds_;
   FrameViews views_;
+  std::vector<ShownFrame> shown_frames_;
   std::optional<PointConstancy> constancy_;
   std::optional<Undistorter> undistorter_;
   PictureProblems problems_;
@@ -204,11 +207,13 @@ void set_depth_metrics(Metrics& metrics, const DepthSeries& depth) {
   }
 }
 
-void evaluate_pictures(Metrics& metrics, const std::string& log, const std::string& folder,
-                       const std::vector<std::size_t>& frames, RecordedRun& run) {
+std::vector<ShownFrame> evaluate_pictures(Metrics& metrics, const std::string& log,
+                                          const std::string& folder,
+                                          const std::vector<std::size_t>& frames,
+                                          RecordedRun& run) {
   if (run.frame_utimes.empty()) {
     if (!frames.empty()) run.notes.push_back("there are no pictures in the log to show");
-    return;
+    return {};
   }
   PictureEvaluation evaluation(folder, frames, run);
   Progress progress("looking at the pictures of " + log);
@@ -217,6 +222,7 @@ void evaluate_pictures(Metrics& metrics, const std::string& log, const std::stri
       [&evaluation](const Frame& frame) { evaluation.use(frame); },
       [&progress](double fraction) { progress.update(fraction); });
   evaluation.finish(metrics);
+  return evaluation.shown();
 }
 
 }  // namespace gastronaut::evaluation

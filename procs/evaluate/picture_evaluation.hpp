@@ -2,9 +2,12 @@
 // their albedo, and chosen frames for the eye.
 #pragma once
 
+#include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "camera/pinhole_grid.hpp"
 #include "evaluate/evaluate_process.hpp"
 #include "evaluate/metrics.hpp"
 
@@ -14,10 +17,18 @@ namespace gastronaut::evaluation {
 // scale of the frames. Nothing when no DEPTH has truth.
 void set_depth_metrics(Metrics& metrics, const DepthSeries& depth);
 
+struct ShownFrame {
+  std::size_t number = 0;
+  std::int64_t utime = 0;
+  std::optional<PinholeGrid> grid;  // of its undistorted picture, where that can be told
+};
+
 // Reads the pictures of `log`, which `run` was read from, frame by frame. Writes those to be shown
 // (`frames`: their numbers; none: a few) into FOLDER/frames and sets albedo.*, luminance.*, clahe.*
-// and constancy.*. What could not be used is added to the run's notes. Throws std::runtime_error.
-void evaluate_pictures(Metrics& metrics, const std::string& log, const std::string& folder,
-                       const std::vector<std::size_t>& frames, RecordedRun& run);
+// and constancy.*; returns the frames shown. What could not be used is added to the run's notes.
+// Throws std::runtime_error.
+std::vector<ShownFrame> evaluate_pictures(Metrics& metrics, const std::string& log,
+                                          const std::string& folder,
+                                          const std::vector<std::size_t>& frames, RecordedRun& run);
 
 }  // namespace gastronaut::evaluation

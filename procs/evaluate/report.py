@@ -14,6 +14,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+import matplotlib.patheffects
 import matplotlib.ticker
 import numpy as np
 
@@ -61,6 +62,13 @@ TARGETS = [
      "at whatever distance"),
     ("DEPTH.coverage", "Depth, share of pixels given", 100, "%", NO_TARGET, ""),
     ("DEPTH.normalised_error", "Depth error / claimed σ, RMS", 1, "×", NO_TARGET, "honest is 1"),
+    ("surface.trajectory.mean", "Map, mean distance of stable surfels", 1e3, "mm", 1.5,
+     "own poses; 2.5 while the wall moves"),
+    ("surface.all.mean", "Map, the same of unstable surfels too", 1e3, "mm", NO_TARGET, ""),
+    ("surface.none.mean", "Map, the same not aligned", 1e3, "mm", NO_TARGET,
+     "where the map is in the rig's frame"),
+    ("surface.completeness.within_1.5mm", "Surface in view with a surfel within 1.5 mm", 100, "%",
+     NO_TARGET, ""),
     ("magnetic_localizer.ms_per_event.median", "Magnetic fix, median time", 1e3, "µs", 25,
      "64 x 3 channels, warm"),
 ]
@@ -426,6 +434,172 @@ def plot_depth_by_distance(bins):
     return save(figure, "DEPTH_by_distance")
 
 
+def plot_visual(channel):
+    if "icp_rms" not in channel.series:
+        return None
+    usable = channel.usable
+    figure, panels = plt.subplots(4, 1, figsize=(11, 6.5), sharex=True,
+                                  gridspec_kw={"height_ratios": [3, 3, 3, 0.5]})
+    for axes, column, factor, label in [(panels[0], "icp_rms", 1e3, "geometric residual\nRMS [mm]"),
+                                        (panels[1], "rgb_rms", 1, "photometric residual\nRMS [0..1]"),
+                                        (panels[2], "inlier_fraction", 100, "inliers [%]")]:
+        values = channel.column(column)[usable] * factor
+        axes.plot(*break_at_gaps(channel.time[usable], values), lw=0.9, color=ESTIMATE)
+        finite = values[np.isfinite(values)]
+        if finite.size:
+            axes.set_ylim(0, 1.05 * max(min(finite.max(), 3 * np.percentile(finite, 99)), 1e-9))
+        axes.set_ylabel(label)
+    draw_status(panels[3], channel)
+    panels[3].set_xlabel(channel.time_label)
+    figure.suptitle(f"{channel.name}: how well the frames fit the map")
+    figure.align_ylabels()
+    figure.tight_layout()
+    return save(figure, channel.name + "_fit")
+
+
+def show_picture(axes, path, title):
+    axes.set_axis_off()
+    axes.set_title(title, fontsize=10)
+    axes.imshow(plt.imread(path), interpolation="antialiased")
+
+
+def map_picture(entry, kind):
+    return os.path.join(FOLDER, "map", entry["files"][kind])
+
+
+def error_title(views):
+    placed = {"trajectory": "map placed by the trajectory", "none": "map not aligned"}
+    return "distance from the true surface, " + placed[views["placement"]]
+
+
+def error_bar(figure, axes, views):
+    """A bar beside the picture, which stays as large as the others."""
+    colours = plt.cm.ScalarMappable(cmap=views["error_colours"], norm=plt.Normalize(
+        0, 1e3 * views["error_limit"]))
+    bar = axes.inset_axes([1.01, 0.05, 0.02, 0.9])
+    bar.grid(False)
+    figure.colorbar(colours, cax=bar, extend="max").set_label("mm")
+
+
+def plot_map_outside(views, number):
+    entry = views["outside"][number]
+    kinds = [("shape", "shape; " + views["drawn"]), ("albedo", "albedo, brightened"),
+             ("error", error_title(views) if "error" in entry["files"] else ""),
+             ("normals", "normals (red →, green ↑, blue to the eye)")]
+    kinds = [(kind, title) for kind, title in kinds if kind in entry["files"]]
+    height, width = plt.imread(map_picture(entry, "shape")).shape[:2]
+    rows, columns = (2, 2) if len(kinds) == 4 else (1, len(kinds))
+    figure, grid = plt.subplots(rows, columns, squeeze=False, figsize=(
+        15, rows * (14.4 / columns * height / width + 0.35)))
+    for axes, (kind, title) in zip(grid.flat, kinds):
+        show_picture(axes, map_picture(entry, kind), title)
+        if kind == "error":
+            error_bar(figure, axes, views)
+        if kind == "shape":
+            metres = round_up(0.1 * width * entry["metres_per_pixel"], (1, 2, 5, 10))
+            left, below = 0.03 * width, 0.97 * height
+            across = metres / entry["metres_per_pixel"]
+            axes.plot([left, left + across], [below, below], color="#111827", lw=3,
+                      solid_capstyle="butt")
+            factor, unit = (1e3, "mm") if metres < 1 else (1, "m")
+            axes.text(left + across / 2, below - 0.015 * height, f"{factor * metres:g} {unit}",
+                      ha="center", va="bottom", fontsize=9)
+            axes.plot([], [], color="#e8480c", lw=2, label="estimated path")
+            axes.plot([], [], color="white", lw=4, label="true path", path_effects=[
+                matplotlib.patheffects.withStroke(linewidth=6, foreground="#4b5563")])
+            axes.legend(loc="lower right", fontsize=9, ncol=2, borderaxespad=0.1)
+            axes.set_xlim(-0.5, width - 0.5)
+            axes.set_ylim(height - 0.5, -0.5)
+    figure.tight_layout()
+    return save(figure, f"map_outside_{number}")
+
+
+def plot_map_frame(views, entry):
+    photo = os.path.join(FOLDER, "frames", f"{entry['number']}_input.png")
+    panels = [(photo, "camera picture, undistorted")] if os.path.exists(photo) else []
+    panels.append((map_picture(entry, "albedo"), "map: albedo, brightened"))
+    panels.append((map_picture(entry, "shape"), "map: shape"))
+    if "error" in entry["files"]:
+        panels.append((map_picture(entry, "error"), "map: distance from the true surface"))
+    if len(panels) < 4:
+        panels.append((map_picture(entry, "normals"), "map: normals"))
+    height, width = plt.imread(panels[-1][0]).shape[:2]
+    across = 15 / len(panels)
+    figure, grid = plt.subplots(1, len(panels), figsize=(15, across * height / width + 0.7))
+    for axes, (path, title) in zip(grid, panels):
+        show_picture(axes, path, title)
+        if "error" in os.path.basename(path):
+            error_bar(figure, axes, views)
+    figure.suptitle(f"frame {entry['number']}, {entry['seconds']:.2f} s: the finished map from "
+                    f"there, {100 * entry['covered']:.0f} % covered ({views['drawn']})", fontsize=10)
+    figure.tight_layout()
+    return save(figure, f"map_frame_{entry['number']:06d}")
+
+
+SURFACE_COLOURS = {"none": "#9ca3af", "trajectory": ESTIMATE, "handa": BOUND, "paper": "#8b5cf6"}
+
+
+def plot_surface_errors(bins, views):
+    shown = [name for name in ("trajectory", "none", "handa", "paper") if name in bins]
+    if "trajectory" in shown:
+        shown.remove("none")
+    width = 1e3 * (bins["far"] - bins["near"])
+    figure, (histogram, cumulative) = plt.subplots(1, 2, figsize=(11, 3.4))
+    for name in shown:
+        total = views["compared"]
+        far = 1e3 * bins["far"]
+        histogram.stairs(100 * bins[name] / total / width, 1e3 * np.append(bins["near"][0],
+                                                                           bins["far"]),
+                         color=SURFACE_COLOURS[name], label=SURFACE_NAMES[name],
+                         fill=name == views["placement"],
+                         alpha=0.35 if name == views["placement"] else 1)
+        cumulative.plot(far, 100 * np.cumsum(bins[name]) / total, color=SURFACE_COLOURS[name],
+                        lw=1.2, label=SURFACE_NAMES[name])
+    limit = 1e3 * bins["far"][np.cumsum(bins[shown[0]]) <= 0.99 * views["compared"]].max(
+        initial=bins["far"][0])  # 99 % of the first
+    for axes in (histogram, cumulative):
+        axes.set_xlim(0, 1.1 * limit)
+        axes.set_xlabel("distance from the true surface [mm]")
+        axes.legend()
+    histogram.set_ylabel("surfels [% a mm]")
+    cumulative.set_ylabel("surfels within [%]")
+    cumulative.set_ylim(0, 100)
+    figure.suptitle("Map: distances of the stable surfels from the true surface")
+    figure.tight_layout()
+    return save(figure, "map_errors")
+
+
+def plot_map_size(sizes, start):
+    figure, axes = plt.subplots(figsize=(11, 2.6))
+    time = (sizes["utime"] - start) * 1e-6
+    axes.plot(time, 1e-3 * sizes["surfels"], color=TRUTH, lw=1, label="all")
+    axes.plot(time, 1e-3 * sizes["stable"], color=ESTIMATE, lw=1, label="stable")
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("thousand surfels")
+    legend_above(axes)
+    figure.suptitle("Map: surfels in it")
+    figure.tight_layout()
+    return save(figure, "map_size")
+
+
+def plot_map(metrics, start):
+    pictures = [plot_map_size(load_series("map_size"), start)]
+    path = os.path.join(FOLDER, "map", "views.json")
+    if "map.drawn" not in metrics:
+        return pictures
+    with open(path, encoding="utf-8") as file:
+        views = json.load(file)
+    views["placement"] = metrics.get("surface.placement", "none")
+    views["compared"] = metrics.get("surface.count", 0)
+    views["drawn"] = "stable surfels" if metrics["map.drawn"] == "stable" else \
+        f"all surfels, {100 * metrics['map.stable'] / metrics['map.surfels']:.1f} % of them stable"
+    if views["compared"]:
+        pictures.insert(0, plot_surface_errors(load_series("surface_histogram"), views))
+    return ([plot_map_outside(views, number) for number in range(len(views["outside"]))]
+            + [plot_map_frame(views, entry) for entry in views["frames"]] + pictures)
+
+
 def short(text):
     """Three digits of a decimal number; other text as it is."""
     try:
@@ -489,10 +663,10 @@ class FrameView:
         return "\n".join(line.replace("$", "\\$")[:200] for line in lines)
 
 
-def round_up(value):
+def round_up(value, steps=(1, 1.5, 2, 3, 5, 7, 10)):
     """The next of 1, 1.5, 2, 3, 5, 7, 10, 15, ..."""
     power = 10 ** np.floor(np.log10(value))
-    return next(step * power for step in (1, 1.5, 2, 3, 5, 7, 10)
+    return next(step * power for step in steps
                 if step * power >= value * (1 - 1e-9))
 
 
@@ -601,9 +775,63 @@ def error_rows(metrics, channels):
         cells = [f"{number(get('with_truth'))} / {number(get('count'))}",
                  "–" if share is None else f"{100 * share:.1f} %", length("ate.none.rmse"),
                  length("ate.none.median"), length("ate.none.max"), length("ate.se3.rmse"),
-                 length("ate.sim3.rmse"), angle(rotation + ".rmse")]
+                 length("ate.sim3.rmse"),
+                 "–" if get("ate.sim3.scale") is None else f"{get('ate.sim3.scale'):.4f}", angle(rotation + ".rmse")]
         rows.append(f"<tr><td>{channel.name}</td>"
                     + "".join(f"<td class=n>{cell}</td>" for cell in cells) + "</tr>")
+    return "".join(rows)
+
+
+SURFACE_NAMES = {"none": "not aligned", "trajectory": "placed by the trajectory",
+                 "handa": "then aligned, Handa 2014", "paper": "then aligned, the paper's way",
+                 "all": "unstable surfels too, not aligned further"}
+
+
+def surface_section(metrics):
+    if "surface.count" not in metrics:
+        return ""
+    percent = lambda key: f"{100 * metrics['surface.completeness.' + key]:.1f} %"
+    rows = []
+    for name, label in SURFACE_NAMES.items():
+        get = lambda key: metrics.get(f"surface.{name}.{key}")
+        if get("mean") is None:
+            continue
+        cells = [f"{1e3 * get(key):.3f}" for key in ("rmse", "mean", "median", "std", "min", "max")]
+        cells += [f"{100 * get('within_' + limit):.1f} %" for limit in ("1.5mm", "2.5mm")
+                  if get("within_" + limit) is not None]
+        cells += ["–"] * (8 - len(cells))
+        moved = "" if get("moved") is None else (
+            f"moved {1e3 * get('moved'):.2f} mm and {get('turned_deg'):.2f}° "
+            f"in {get('iterations')} steps")
+        rows.append(f"<tr><td>{label}</td>" + "".join(f"<td class=n>{cell}</td>" for cell in cells)
+                    + f"<td class=dim>{moved}</td></tr>")
+    words = (f"<p class=dim>{number(metrics['surface.count'])} stable surfels of "
+             f"{number(metrics['map.surfels'])}; distance from each to the nearest point of the "
+             "true surface, in millimetres. ")
+    if "surface.completeness.within_1.5mm" in metrics:
+        words += (f"{percent('seen_share')} of the surface was in view from the true poses; of "
+                  f"that, {percent('within_1.5mm')} has a stable surfel within 1.5 mm, "
+                  f"{percent('within_2.5mm')} within 2.5 mm (of all surfels "
+                  f"{percent('all.within_1.5mm')} and {percent('all.within_2.5mm')}).")
+    return words + "</p>" + table(
+        ["map", "#RMS", "#mean", "#median", "#std", "#min", "#max", "#within 1.5 mm",
+         "#within 2.5 mm", ""], "".join(rows))
+
+
+def status_rows(channels):
+    rows = []
+    for channel in channels:
+        if len(channel.statuses) < 2:
+            continue
+        for status in channel.statuses:
+            get = lambda key: channel.metrics.get(f"{channel.name}.status.{status}.{key}")
+            count = get("count")
+            share = 100 * count / max(1, channel.metrics[channel.name + ".count"])
+            factor, unit = length_unit(channel.column("error")[channel.good])
+            error = "–" if get("position.rmse") is None else \
+                f"{factor * get('position.rmse'):.4g} {unit}"
+            rows.append(f"<tr><td>{channel.name}</td><td>{status}</td><td class=n>{number(count)}"
+                        f"</td><td class=n>{share:.1f} %</td><td class=n>{error}</td></tr>")
     return "".join(rows)
 
 
@@ -708,7 +936,10 @@ def page(metrics, channels, plots):
     parts.append(section("Does a surface point keep its value?", constancy(metrics)))
     parts.append(section("Errors", table(
         ["channel", "#scored / all", "#available", "#RMS", "#median", "#max", "#RMS SE(3)",
-         "#RMS Sim(3)", "#rotation"], error_rows(metrics, channels))))
+         "#RMS Sim(3)", "#scale", "#rotation"], error_rows(metrics, channels))))
+    parts.append(section("Status", table(["channel", "status", "#frames or fixes", "#share",
+                                          "#RMS position error"], status_rows(channels))))
+    parts.append(section("Map against the true surface", surface_section(metrics)))
     for title, pictures in plots:
         parts.append(section(title, "".join(inline(picture) for picture in pictures if picture)))
     suffix = ".ms_per_event.median"
@@ -753,7 +984,10 @@ def main():
     for channel in channels:
         plots.append((channel.name, [
             plot_trajectory(channel, surface), plot_errors(channel), plot_histograms(channel),
-            plot_consistency(channel), plot_relative(channel), plot_magnetics(channel)]))
+            plot_consistency(channel), plot_relative(channel), plot_magnetics(channel),
+            plot_visual(channel)]))
+    if "map.messages" in metrics:
+        plots.append(("Map", plot_map(metrics, start)))
     if depth is not None:
         plots.append(("DEPTH", [plot_depth_series(depth, start),
                                 plot_depth_by_distance(load_series("DEPTH_by_distance"))]))

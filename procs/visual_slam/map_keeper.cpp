@@ -4,11 +4,9 @@
 #include <exception>
 #include <utility>
 
-#include "visual_slam/surfel_file.hpp"
-
 namespace gastronaut::slam {
 
-bool MapKeeper::save(SurfelArrays snapshot) {
+bool MapKeeper::save(KeptMap snapshot) {
   if (writing_.valid()) {
     if (writing_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
     collect();
@@ -16,7 +14,7 @@ bool MapKeeper::save(SurfelArrays snapshot) {
   writing_ =
       std::async(std::launch::async, [path = path_, kept = std::move(snapshot)]() -> std::string {
         try {
-          save_surfels(path, kept);
+          save_map(path, kept);
         } catch (const std::exception& error) {
           return error.what();
         }

@@ -4,17 +4,17 @@
 #include <future>
 #include <string>
 
-#include "visual_slam/surfel_arrays.hpp"
+#include "visual_slam/surfel_file.hpp"
 
 namespace gastronaut::slam {
 
 class MapKeeper {
  public:
-  // `path`: where save_surfels writes to.
+  // `path`: where save_map writes to.
   explicit MapKeeper(std::string path) : path_(std::move(path)) {}
 
   // Writes the snapshot on a thread of its own. While one is being written, false: it is not taken.
-  bool save(SurfelArrays snapshot);
+  bool save(KeptMap snapshot);
   // Waits for what is being written.
   void wait();
   // Why the last snapshot that was finished could not be kept; empty: it was.

@@ -21,12 +21,12 @@ namespace {
 static_assert(std::endian::native == std::endian::little);
 
 constexpr std::array<char, 8> kMagic = {'G', 'N', 'S', 'U', 'R', 'F', 'E', 'L'};
-constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kVersion = 2;
 
 struct Header {
   std::array<char, 8> magic = kMagic;
   std::uint32_t version = kVersion;
-  std::uint32_t reserved = 0;
+  std::uint32_t viewpoints = 0;
   std::uint64_t count = 0;
   std::uint64_t checksum = 0;
 };
@@ -47,10 +47,32 @@ std::uint64_t checksum_of(const std::vector<Value>& array, std::uint64_t sum) {
   return sum;
 }
 
-std::uint64_t checksum_of(const SurfelArrays& surfels) {
+std::uint64_t checksum_of(const SurfelArrays& surfels, const std::vector<double>& viewpoints) {
   std::uint64_t sum = kChecksumStart;
   SurfelArrays::for_each_array(surfels, [&](const auto& array) { sum = checksum_of(array, sum); });
-  return sum;
+  return checksum_of(viewpoints, sum);
+}
+
+constexpr std::size_t kPose = 7;  // numbers
+
+std::vector<double> flat(const std::vector<SE3>& poses) {
+  std::vector<double> numbers;
+  for (const SE3& pose : poses) {
+    const Eigen::Vector3d& t = pose.translation;
+    const Eigen::Quaterniond& q = pose.rotation;
+    numbers.insert(numbers.end(), {t.x(), t.y(), t.z(), q.w(), q.x(), q.y(), q.z()});
+  }
+  return numbers;
+}
+
+SE3 pose_of(const double* numbers) {
+  return {Eigen::Quaterniond(numbers[3], numbers[4], numbers[5], numbers[6]),
+          {numbers[0], numbers[1], numbers[2]}};
+}
+
+bool is_sound(const SE3& pose) {
+  constexpr double kUnit = 1e-6;
+  return pose.translation.allFinite() && std::abs(pose.rotation.norm() - 1) < kUnit;
 }
 
 std::uint64_t bytes_per_entry() {
@@ -97,20 +119,25 @@ bool is_sound(const SurfelArrays& s, std::size_t k) {
 
 }  // namespace
 
-void save_surfels(const std::string& path, const SurfelArrays& surfels) {
+void save_map(const std::string& path, const KeptMap& map) {
+  const SurfelArrays& surfels = map.surfels;
+  const std::vector<double> viewpoints = flat(map.viewpoints);
   Header header;
+  header.viewpoints = static_cast<std::uint32_t>(map.viewpoints.size());
   header.count = surfels.size();
-  header.checksum = checksum_of(surfels);
+  header.checksum = checksum_of(surfels, viewpoints);
   write_whole(path, [&](std::ofstream& file) {
     file.write(reinterpret_cast<const char*>(&header), sizeof header);
     SurfelArrays::for_each_array(surfels, [&](const auto& array) {
       file.write(reinterpret_cast<const char*>(array.data()),
                  static_cast<std::streamsize>(array.size() * sizeof array[0]));
     });
+    file.write(reinterpret_cast<const char*>(viewpoints.data()),
+               static_cast<std::streamsize>(viewpoints.size() * sizeof(double)));
   });
 }
 
-SurfelArrays load_surfels(const std::string& path) {
+KeptMap load_map(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   std::error_code error;
   const std::uintmax_t size = std::filesystem::file_size(path, error);
@@ -120,29 +147,38 @@ SurfelArrays load_surfels(const std::string& path) {
   if (!file.read(reinterpret_cast<char*>(&header), sizeof header) || header.magic != kMagic) {
     refuse(path, "is not a map of surfels");
   }
-  if (header.version != kVersion || header.reserved != 0) {
+  if (header.version != kVersion) {
     refuse(path, "is a map of version " + std::to_string(header.version) + ", this program reads " +
                      std::to_string(kVersion));
   }
   // Ids are int32, so the product below cannot overflow.
   if (header.count > static_cast<std::uint64_t>(std::numeric_limits<std::int32_t>::max()) ||
-      size != sizeof header + header.count * bytes_per_entry()) {
+      size != sizeof header + header.count * bytes_per_entry() +
+                  header.viewpoints * kPose * sizeof(double)) {
     refuse(path, "is cut off or damaged: it is " + std::to_string(size) + " bytes long, and of " +
                      std::to_string(header.count) + " surfels by its own account");
   }
-  SurfelArrays surfels;
+  KeptMap map;
+  SurfelArrays& surfels = map.surfels;
   surfels.resize(header.count);
   SurfelArrays::for_each_array(surfels, [&](auto& array) {
     file.read(reinterpret_cast<char*>(array.data()),
               static_cast<std::streamsize>(array.size() * sizeof array[0]));
   });
-  if (!file || checksum_of(surfels) != header.checksum) {
+  std::vector<double> viewpoints(header.viewpoints * kPose);
+  file.read(reinterpret_cast<char*>(viewpoints.data()),
+            static_cast<std::streamsize>(viewpoints.size() * sizeof(double)));
+  if (!file || checksum_of(surfels, viewpoints) != header.checksum) {
     refuse(path, "is damaged: its checksum is wrong");
   }
   for (std::size_t k = 0; k < surfels.size(); ++k) {
     if (!is_sound(surfels, k)) refuse(path, "is damaged: surfel " + std::to_string(k) + " is none");
   }
-  return surfels;
+  for (std::size_t k = 0; k < viewpoints.size(); k += kPose) {
+    map.viewpoints.push_back(pose_of(viewpoints.data() + k));
+    if (!is_sound(map.viewpoints.back())) refuse(path, "is damaged: a viewpoint is no pose");
+  }
+  return map;
 }
 
 void export_ply(const std::string& path, const SurfelArrays& surfels, double least_confidence) {

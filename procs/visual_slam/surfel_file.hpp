@@ -2,7 +2,9 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
+#include "geometry/se3.hpp"
 #include "visual_slam/surfel_arrays.hpp"
 
 namespace gastronaut::slam {
@@ -10,14 +12,20 @@ namespace gastronaut::slam {
 // Both writers write path + ".partial" and rename it when it is complete, so that `path` is never
 // half a file; both throw std::runtime_error, saying why, when that fails.
 
-// Little endian: magic "GNSURFEL", uint32 version, uint32 0, uint64 number of entries, uint64
-// checksum (FNV-1a over the payload's 32-bit words), then SurfelArrays' arrays one after the
-// other. Ids are kept. Loading gives back the same bytes.
-void save_surfels(const std::string& path, const SurfelArrays& surfels);
+struct KeptMap {
+  SurfelArrays surfels;
+  std::vector<SE3> viewpoints;  // map_T_camera of keyframes: from where it is recognised
+};
 
-// Throws std::runtime_error, saying what is wrong and what to do, for what save_surfels did not
-// write or no longer is what it wrote.
-SurfelArrays load_surfels(const std::string& path);
+// Little endian: magic "GNSURFEL", uint32 version, uint32 number of viewpoints, uint64 number of
+// entries, uint64 checksum (FNV-1a over the payload's 32-bit words), then SurfelArrays' arrays one
+// after the other, then the viewpoints as double x y z qw qx qy qz. Ids are kept. Loading gives
+// back the same bytes.
+void save_map(const std::string& path, const KeptMap& map);
+
+// Throws std::runtime_error, saying what is wrong and what to do, for what save_map did not write
+// or no longer is what it wrote.
+KeptMap load_map(const std::string& path);
 
 // PLY, binary little endian, one vertex a surfel of at least that confidence, in the order of
 // ids: float x y z nx ny nz, uchar red green blue, float radius confidence. Metres, map frame.

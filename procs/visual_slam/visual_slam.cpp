@@ -1,6 +1,10 @@
 #include "visual_slam/visual_slam.hpp"
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <cmath>
+#include <stdexcept>
 #include <utility>
 
 namespace gastronaut::slam {
@@ -8,55 +12,107 @@ namespace {
 
 constexpr double kMicrosecond = 1e-6;
 constexpr double kLongestPrediction = 0.3;  // seconds that a velocity is trusted
+// One sigma of what two ways to the same place may differ by, as a fraction of the working distance
+// and in radians: a place that the camera finds itself at twice is the right one.
+constexpr double kSamePlace = 0.01;
+constexpr double kSharpnessMemory = 0.1;  // weight of the newest picture
+
+double median_depth(const Plane<float>& depth) {
+  std::vector<float> known;
+  std::copy_if(depth.values.begin(), depth.values.end(), std::back_inserter(known),
+               [](float value) { return value > 0 && std::isfinite(value); });
+  if (known.empty()) return 0;
+  const auto middle = known.begin() + static_cast<std::ptrdiff_t>(known.size() / 2);
+  std::nth_element(known.begin(), middle, known.end());
+  return static_cast<double>(*middle);
+}
+
+// What a frame taken at the view's pose would be.
+Frame frame_of(const ModelView& view) {
+  Frame frame;
+  frame.grid = view.grid;
+  frame.depth = view.depth;
+  frame.albedo = view.albedo;
+  return frame;
+}
+
+// In distances and radians.
+struct Motion {
+  double shift = 0;
+  double turn = 0;
+};
+Motion motion(const SE3& a, const SE3& b, double distance) {
+  const SE3 between = a.inverse() * b;
+  return {distance > 0 ? between.translation.norm() / distance : 0,
+          angle_between(between.rotation, Eigen::Quaterniond::Identity())};
+}
+
+VisualSlamOptions checked(const VisualSlamOptions& options) {
+  if (!(options.keyframe_shift > 0) || !(options.keyframe_turn > 0) ||
+      options.refinement_frames < 1 || options.candidates < 0) {
+    throw std::invalid_argument("visual_slam: keyframes need a shift, a turn and a frame of time");
+  }
+  return options;
+}
 
 }  // namespace
 
-VisualSlam::VisualSlam(const VisualSlamOptions& options) : options_(options), map_(options.map) {}
+VisualSlam::VisualSlam(const VisualSlamOptions& options)
+    : options_(checked(options)), map_(options.map) {}
 
-VisualSlam::VisualSlam(const VisualSlamOptions& options, SurfelArrays kept)
-    : options_(options), map_(options.map, std::move(kept)) {}
-
-SE3 VisualSlam::predicted_pose(std::int64_t utime) const {
-  const double ahead = static_cast<double>(utime - utime_) * kMicrosecond;
-  if (ahead > kLongestPrediction) return *map_T_camera_;
-  return *map_T_camera_ * SE3::exp(velocity_ * ahead);
+VisualSlam::VisualSlam(const VisualSlamOptions& options, KeptMap kept)
+    : options_(checked(options)),
+      map_(options.map, std::move(kept.surfels)),
+      kept_viewpoints_(std::move(kept.viewpoints)) {
+  is_lost_ = map_.size() > 0;
 }
 
 SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health,
                            const std::optional<SE3>& map_T_camera_start) {
   if (!health.failure.empty()) return lost(frame.utime, health);
+  if (!tracker_) prepare(frame.grid);
+  use_refinement();
   frame_ = frame;
+  is_sharp_ = !is_blurred(health.sharpness);
   pose_ = {};
   pose_.utime = frame.utime;
-  if (map_T_camera_) pose_.map_T_camera = *map_T_camera_;
-  if (!map_T_camera_) {
-    map_T_camera_ = map_T_camera_start.value_or(SE3{});
-    utime_ = frame.utime;
-    pose_.map_T_camera = *map_T_camera_;
-    pose_.status = SlamStatus::kOk;
+  if (map_.size() == 0) {
+    begin(frame, map_T_camera_start.value_or(SE3{}));
     return pose_;
   }
-  if (!tracker_) tracker_.emplace(frame.grid, options_.tracker);
-  const SE3 start = map_T_camera_start.value_or(predicted_pose(frame.utime));
-  map_.predict(start, frame.grid, frame.utime, MapPart::kActive, view_);
-  const TrackingResult result = tracker_->track(frame, view_, start);
-  pose_.cause = result.cause;
-  pose_.icp_rms = result.icp_rms;
-  pose_.rgb_rms = result.rgb_rms;
-  pose_.inlier_fraction = result.inlier_fraction;
-  pose_.depth_scale = result.depth_scale;
-  if (result.status == TrackingStatus::kLost) return pose_;
-  pose_.status = result.status == TrackingStatus::kOk ? SlamStatus::kOk : SlamStatus::kDegraded;
-  pose_.map_T_camera = result.map_T_camera;
-  pose_.covariance = result.covariance;
-  const double elapsed = static_cast<double>(frame.utime - utime_) * kMicrosecond;
-  velocity_ = (map_T_camera_->inverse() * result.map_T_camera).log() / elapsed;
-  map_T_camera_ = result.map_T_camera;
-  utime_ = frame.utime;
+  const bool was_lost = is_lost_;
+  std::optional<TrackingResult> result;
+  if (map_T_camera_) {
+    const SE3 start = map_T_camera_start.value_or(predicted_pose(frame.utime));
+    pose_.map_T_camera = *map_T_camera_;
+    result = track_from(frame, start, was_lost ? MapPart::kAll : MapPart::kActive);
+    const Motion moved = motion(start, result->map_T_camera, distance_);
+    if (moved.shift > options_.largest_shift || moved.turn > options_.largest_turn) {
+      result->status = TrackingStatus::kLost;
+      result->cause = fmt::format("jumped by {:.1f} mm and {:.0f} degrees",
+                                  1e3 * moved.shift * distance_, moved.turn * 180 / M_PI);
+    }
+    // Where nothing tells that the camera is still near, a doubtful fit is none.
+    if (was_lost && !confirmed(frame, *result)) result->status = TrackingStatus::kLost;
+  }
+  if (!result || result->status == TrackingStatus::kLost) {
+    std::optional<TrackingResult> found = relocalise(frame);
+    if (!found) {
+      is_lost_ = true;
+      pose_.cause =
+          result && !result->cause.empty() ? result->cause : "does not find itself in the map";
+      if (!is_sharp_) pose_.cause = "blur: " + pose_.cause;
+      return pose_;
+    }
+    result = std::move(found);
+    is_lost_ = true;
+  }
+  accept(frame, *result);
   return pose_;
 }
 
 SlamPose VisualSlam::lost(std::int64_t utime, const PictureHealth& health) {
+  use_refinement();
   pose_ = {};
   pose_.utime = utime;
   if (map_T_camera_) pose_.map_T_camera = *map_T_camera_;
@@ -64,13 +120,167 @@ SlamPose VisualSlam::lost(std::int64_t utime, const PictureHealth& health) {
   return pose_;
 }
 
-FuseReport VisualSlam::merge(const std::optional<SE3>& fused) {
-  if (pose_.status == SlamStatus::kLost) return {};
-  const SE3 pose = fused.value_or(pose_.map_T_camera);
-  const auto scale = static_cast<float>(std::pow(pose_.depth_scale, 1 - options_.own_scale));
-  for (float& depth : frame_.depth.values) depth *= scale;
-  map_.predict(pose, frame_.grid, frame_.utime, MapPart::kActive, view_);
-  return map_.fuse(frame_, view_);
+void VisualSlam::merge(const std::optional<SE3>& fused) {
+  if (pose_.status == SlamStatus::kLost) return;
+  if (fused) {
+    pose_.map_T_camera = *fused;
+    map_T_camera_ = *fused;
+  }
+  const bool is_first = num_keyframes_ == 0;
+  const bool is_keyframe = is_first || is_far_from_keyframe();
+  const bool is_certain = frame_.relative_std <= options_.certain_depth;
+  // A blurred picture is tracked, but has nothing to tell the map.
+  if (!is_sharp_ && !is_first) return;
+  if (is_keyframe && !newest_) {
+    relocaliser_->add(frame_, pose_.map_T_camera);
+    ++num_keyframes_;
+    if (is_certain) {
+      drift_ = pose_.covariance;
+      reference_ = pose_.map_T_camera;
+    } else {
+      refine(frame_, pose_.map_T_camera);
+    }
+  }
+  const double since_merge = static_cast<double>(frame_.utime - merged_utime_) * kMicrosecond;
+  if (is_certain || is_first || (!newest_ && since_merge > options_.longest_gap)) {
+    const auto scale = static_cast<float>(std::pow(pose_.depth_scale, 1 - options_.own_scale));
+    for (float& depth : frame_.depth.values) depth *= scale;
+    merge_as_is(frame_, pose_.map_T_camera);
+  }
+}
+
+KeptMap VisualSlam::kept() const {
+  return {map_.surfels(), relocaliser_ ? relocaliser_->viewpoints() : kept_viewpoints_};
+}
+
+void VisualSlam::prepare(const PinholeGrid& grid) {
+  tracker_.emplace(grid, options_.tracker);
+  relocaliser_.emplace(grid, options_.relocaliser);
+  window_ = std::make_unique<KeyframeWindow>(grid, options_.window);
+  for (const SE3& viewpoint : kept_viewpoints_) {
+    map_.predict(viewpoint, grid, 0, MapPart::kAll, view_);
+    relocaliser_->add(frame_of(view_), viewpoint);
+  }
+}
+
+void VisualSlam::begin(const Frame& frame, const SE3& map_T_camera) {
+  distance_ = median_depth(frame.depth);
+  if (distance_ == 0) {
+    pose_.cause = "no depth to begin a map with";
+    return;
+  }
+  map_T_camera_ = map_T_camera;
+  utime_ = frame.utime;
+  pose_.map_T_camera = map_T_camera;
+  pose_.status = SlamStatus::kOk;
+  pose_.inlier_fraction = 1;
+}
+
+SE3 VisualSlam::predicted_pose(std::int64_t utime) const {
+  const double ahead = static_cast<double>(utime - utime_) * kMicrosecond;
+  if (is_lost_ || ahead > kLongestPrediction) return *map_T_camera_;
+  return *map_T_camera_ * SE3::exp(velocity_ * ahead);
+}
+
+TrackingResult VisualSlam::track_from(const Frame& frame, const SE3& start, MapPart part) {
+  map_.predict(start, frame.grid, frame.utime, part, view_);
+  return tracker_->track(frame, view_, start);
+}
+
+// Seen from where it says to be, the map must lead to the same place again.
+bool VisualSlam::confirmed(const Frame& frame, const TrackingResult& result) {
+  if (result.status != TrackingStatus::kOk) return false;
+  const TrackingResult again = track_from(frame, result.map_T_camera, MapPart::kAll);
+  if (again.status != TrackingStatus::kOk) return false;
+  const double distance = median_depth(frame.depth);
+  const Motion moved = motion(result.map_T_camera, again.map_T_camera, distance);
+  return distance > 0 && moved.shift < kSamePlace && moved.turn < kSamePlace;
+}
+
+std::optional<TrackingResult> VisualSlam::relocalise(const Frame& frame) {
+  for (const SE3& candidate : relocaliser_->candidates(frame, options_.candidates)) {
+    TrackingResult result = track_from(frame, candidate, MapPart::kAll);
+    if (confirmed(frame, result)) return result;
+  }
+  return std::nullopt;
+}
+
+void VisualSlam::accept(const Frame& frame, const TrackingResult& result) {
+  pose_.status = result.status == TrackingStatus::kOk ? SlamStatus::kOk : SlamStatus::kDegraded;
+  pose_.cause = result.cause;
+  if (!is_sharp_) {
+    pose_.status = SlamStatus::kDegraded;
+    pose_.cause = pose_.cause.empty() ? "blur" : "blur, " + pose_.cause;
+  }
+  pose_.map_T_camera = result.map_T_camera;
+  pose_.icp_rms = result.icp_rms;
+  pose_.rgb_rms = result.rgb_rms;
+  pose_.inlier_fraction = result.inlier_fraction;
+  pose_.depth_scale = result.depth_scale;
+  const Matrix6d from_reference = (result.map_T_camera.inverse() * reference_).adjoint();
+  pose_.covariance = from_reference * drift_ * from_reference.transpose() + result.covariance;
+  const double elapsed = static_cast<double>(frame.utime - utime_) * kMicrosecond;
+  if (is_lost_) {
+    pose_.status = SlamStatus::kRelocalised;
+    pose_.cause.clear();
+    velocity_.setZero();
+    // What was seen before has lost its thread to what is seen now.
+    if (refining_.valid()) refining_.wait();
+    refining_ = {};
+    newest_.reset();
+    window_->clear();
+    drift_ = result.covariance;
+    reference_ = result.map_T_camera;
+  } else {
+    velocity_ = (map_T_camera_->inverse() * result.map_T_camera).log() / elapsed;
+  }
+  is_lost_ = false;
+  map_T_camera_ = result.map_T_camera;
+  utime_ = frame.utime;
+  if (const double distance = median_depth(frame.depth); distance > 0) distance_ = distance;
+}
+
+bool VisualSlam::is_blurred(double sharpness) {
+  if (!(sharpness > 0)) return false;
+  if (sharpness_ == 0) sharpness_ = sharpness;
+  const bool blurred = sharpness < options_.blur * sharpness_;
+  // A camera that stays out of focus is judged by its new standard after a while.
+  sharpness_ += kSharpnessMemory * (sharpness - sharpness_);
+  return blurred;
+}
+
+bool VisualSlam::is_far_from_keyframe() const {
+  const Motion moved = motion(reference_, pose_.map_T_camera, distance_);
+  return moved.shift > options_.keyframe_shift || moved.turn > options_.keyframe_turn;
+}
+
+void VisualSlam::refine(const Frame& frame, const SE3& map_T_camera) {
+  window_->add(frame, map_T_camera);
+  newest_ = Keyframe{frame, map_T_camera};
+  reference_ = map_T_camera;
+  frames_since_keyframe_ = 0;
+  refining_ = std::async(std::launch::async, [window = window_.get()] { return window->refine(); });
+}
+
+// The frames since the keyframe were tracked in relation to where it was thought to be: they move
+// with it.
+void VisualSlam::use_refinement() {
+  if (!newest_ || ++frames_since_keyframe_ < options_.refinement_frames) return;
+  const RefinedKeyframe refined = refining_.get().back();
+  Keyframe keyframe = std::move(*newest_);
+  newest_.reset();
+  map_T_camera_ = refined.map_T_camera * (keyframe.map_T_camera.inverse() * *map_T_camera_);
+  reference_ = refined.map_T_camera;
+  drift_ = refined.covariance;
+  keyframe.frame.depth = refined.depth;
+  keyframe.frame.relative_std = refined.relative_std;
+  merge_as_is(keyframe.frame, refined.map_T_camera);
+}
+
+void VisualSlam::merge_as_is(const Frame& frame, const SE3& map_T_camera) {
+  map_.predict(map_T_camera, frame.grid, frame.utime, MapPart::kActive, view_);
+  map_.fuse(frame, view_);
+  merged_utime_ = std::max(merged_utime_, frame.utime);
 }
 
 }  // namespace gastronaut::slam

@@ -97,8 +97,9 @@ slam::VisualSlam make_slam(const RigConfiguration& configuration, const MapFiles
   if (files.map.empty() || !std::filesystem::exists(files.map)) {
     return slam::VisualSlam(options_of(configuration));
   }
-  slam::SurfelArrays kept = slam::load_surfels(files.map);
-  spdlog::info("{}: a map of {} surfels", files.map, kept.size());
+  slam::KeptMap kept = slam::load_map(files.map);
+  spdlog::info("{}: a map of {} surfels, seen from {} places", files.map, kept.surfels.size(),
+               kept.viewpoints.size());
   return slam::VisualSlam(options_of(configuration), std::move(kept));
 }
 
@@ -183,7 +184,7 @@ void VisualSlamProcess::handle_frame(const image_t& albedo, const depth_image_t&
     map_due_ = frame.utime + std::llround(configuration_.visual_slam.map_interval * kMicroseconds);
   }
   if (!files_.map.empty() && frame.utime >= save_due_ && slam_.map().size() > 0) {
-    keeper_.save(slam_.map().surfels());
+    keeper_.save(slam_.kept());
     save_due_ =
         frame.utime + std::llround(configuration_.visual_slam.save_interval * kMicroseconds);
   }
@@ -263,7 +264,7 @@ void VisualSlamProcess::finish() {
   if (slam_.map().size() > 0) publish_map(last_utime_ + 2, kAll);
   if (!files_.map.empty() && slam_.map().size() > 0) {
     keeper_.wait();
-    keeper_.save(slam_.map().surfels());
+    keeper_.save(slam_.kept());
     keeper_.wait();
     if (!keeper_.problem().empty()) spdlog::error("{}", keeper_.problem());
   }

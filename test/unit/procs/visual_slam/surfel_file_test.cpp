@@ -65,45 +65,45 @@ void write(const std::string& path, const std::string& bytes) {
 
 TEST_F(SurfelFile, GivesBackWhatWasSaved) {
   for (const SurfelArrays& surfels : {some_surfels(), SurfelArrays{}}) {
-    save_surfels(path("map"), surfels);
-    EXPECT_EQ(load_surfels(path("map")), surfels);
+    save_map(path("map"), {surfels, {}});
+    EXPECT_EQ(load_map(path("map")).surfels, surfels);
     EXPECT_FALSE(std::filesystem::exists(path("map.partial")));
-    save_surfels(path("again"), load_surfels(path("map")));
+    save_map(path("again"), {load_map(path("map")).surfels, {}});
     EXPECT_EQ(read(path("again")), read(path("map")));
   }
 }
 
 TEST_F(SurfelFile, CutOffAnywhereIsRefused) {
-  save_surfels(path("map"), some_surfels());
+  save_map(path("map"), {some_surfels(), {}});
   const std::string bytes = read(path("map"));
   for (std::size_t length = 0; length < bytes.size(); ++length) {
     write(path("cut"), bytes.substr(0, length));
-    ASSERT_THROW(load_surfels(path("cut")), std::runtime_error) << length;
+    ASSERT_THROW(load_map(path("cut")).surfels, std::runtime_error) << length;
   }
   write(path("cut"), bytes + '\0');
-  EXPECT_THROW(load_surfels(path("cut")), std::runtime_error);
+  EXPECT_THROW(load_map(path("cut")).surfels, std::runtime_error);
 }
 
 TEST_F(SurfelFile, AnyChangedByteIsRefused) {
-  save_surfels(path("map"), some_surfels());
+  save_map(path("map"), {some_surfels(), {}});
   const std::string bytes = read(path("map"));
   for (std::size_t k = 0; k < bytes.size(); ++k) {
     std::string changed = bytes;
     changed[k] = static_cast<char>(changed[k] ^ 0x40);
     write(path("changed"), changed);
-    ASSERT_THROW(load_surfels(path("changed")), std::runtime_error) << k;
+    ASSERT_THROW(load_map(path("changed")).surfels, std::runtime_error) << k;
   }
 }
 
 TEST_F(SurfelFile, NumbersThatNoMapHoldsAreRefused) {
   SurfelArrays s = some_surfels();
   s.nx[3] = std::numeric_limits<float>::quiet_NaN();
-  save_surfels(path("map"), s);
-  EXPECT_THROW(load_surfels(path("map")), std::runtime_error);
+  save_map(path("map"), {s, {}});
+  EXPECT_THROW(load_map(path("map")).surfels, std::runtime_error);
   s = some_surfels();
   s.updated[0] = std::numeric_limits<std::int64_t>::min();
-  save_surfels(path("map"), s);
-  EXPECT_THROW(load_surfels(path("map")), std::runtime_error);
+  save_map(path("map"), {s, {}});
+  EXPECT_THROW(load_map(path("map")).surfels, std::runtime_error);
 }
 
 TEST_F(SurfelFile, ErrorsNameTheFileAndSayWhatToDo) {
@@ -116,19 +116,22 @@ TEST_F(SurfelFile, ErrorsNameTheFileAndSayWhatToDo) {
     return std::string("no error");
   };
   write(path("photo.png"), "\x89PNG, longer than a header of a map of surfels");
-  EXPECT_THAT(message([&] { load_surfels(path("photo.png")); }),
+  EXPECT_THAT(message([&] { load_map(path("photo.png")).surfels; }),
               testing::AllOf(testing::HasSubstr("photo.png"), testing::HasSubstr("is not a map"),
                              testing::HasSubstr("give a map that visual_slam saved")));
-  EXPECT_THAT(message([&] { load_surfels(path("none")); }), testing::HasSubstr("cannot be read"));
-  EXPECT_THAT(message([&] { save_surfels(path("no/such/folder"), {}); }),
+  EXPECT_THAT(message([&] { load_map(path("none")).surfels; }),
+              testing::HasSubstr("cannot be read"));
+  EXPECT_THAT(message([&] {
+                save_map(path("no/such/folder"), {{}, {}});
+              }),
               testing::HasSubstr("check the folder"));
 }
 
 TEST_F(SurfelFile, FailedSaveLeavesTheOldMap) {
-  save_surfels(path("map"), some_surfels());
+  save_map(path("map"), {some_surfels(), {}});
   std::filesystem::create_directory(path("map.partial"));  // cannot be opened as a file
-  EXPECT_THROW(save_surfels(path("map"), {}), std::runtime_error);
-  EXPECT_EQ(load_surfels(path("map")), some_surfels());
+  EXPECT_THROW(save_map(path("map"), {{}, {}}), std::runtime_error);
+  EXPECT_EQ(load_map(path("map")).surfels, some_surfels());
 }
 
 // PLY as the format's description has it, for scalar properties of one element.

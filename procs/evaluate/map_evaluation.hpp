@@ -1,0 +1,23 @@
+// What became of the map: its errors against the true surface, files for other programs, and
+// pictures.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+
+#include "evaluate/evaluate_process.hpp"
+#include "evaluate/metrics.hpp"
+#include "evaluate/picture_evaluation.hpp"
+
+namespace gastronaut::evaluation {
+
+// Sets map.* and, where `surface` names a file, surface.*; writes into FOLDER map.ply (all surfels,
+// map frame), map_error.ply (all, where they are compared, coloured by their error),
+// map_size.csv, surface_histogram.csv, and into FOLDER/map the pictures for report.py. Nothing for
+// a run without a map. What could not be used is added to the run's notes. Throws
+// std::runtime_error for a surface that cannot be read or files that cannot be written.
+void evaluate_map(Metrics& metrics, const std::string& folder, const std::string& surface,
+                  std::span<const ShownFrame> frames, RecordedRun& run);
+
+}  // namespace gastronaut::evaluation

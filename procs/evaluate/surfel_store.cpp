@@ -1,0 +1,55 @@
+#include "evaluate/surfel_store.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace gastronaut::evaluation {
+namespace {
+
+constexpr float kFarthest = 1e4F;  // metres: no map of ours reaches there
+
+bool is_sound(const Surfel& surfel) {
+  return surfel.position.allFinite() && surfel.position.cwiseAbs().maxCoeff() < kFarthest &&
+         surfel.radius > 0 && surfel.radius < kFarthest && std::isfinite(surfel.confidence);
+}
+
+}  // namespace
+
+bool SurfelStore::set(std::int32_t id, Surfel surfel) {
+  const float norm = surfel.normal.norm();
+  if (id < 0 || !is_sound(surfel) || !(norm > 0) || !std::isfinite(norm)) return false;
+  surfel.normal /= norm;
+  const auto [place, added] = surfels_.try_emplace(id, surfel);
+  if (!added) {
+    if (is_stable(place->second)) --stable_;
+    place->second = surfel;
+  }
+  if (is_stable(surfel)) ++stable_;
+  return true;
+}
+
+void SurfelStore::remove(std::int32_t id) {
+  const auto place = surfels_.find(id);
+  if (place == surfels_.end()) return;
+  if (is_stable(place->second)) --stable_;
+  surfels_.erase(place);
+}
+
+void SurfelStore::reset() {
+  surfels_.clear();
+  stable_ = 0;
+}
+
+std::vector<Surfel> SurfelStore::list() const {
+  std::vector<std::pair<std::int32_t, const Surfel*>> by_id;
+  by_id.reserve(surfels_.size());
+  for (const auto& [id, surfel] : surfels_) by_id.emplace_back(id, &surfel);
+  std::sort(by_id.begin(), by_id.end());
+  std::vector<Surfel> list;
+  list.reserve(by_id.size());
+  for (const auto& [id, surfel] : by_id) list.push_back(*surfel);
+  return list;
+}
+
+}  // namespace gastronaut::evaluation

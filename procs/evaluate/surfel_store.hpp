@@ -1,0 +1,45 @@
+// The surfels that MAP_SURFELS told of, as they are after the last message.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <unordered_map>
+#include <vector>
+
+namespace gastronaut::evaluation {
+
+struct Surfel {
+  Eigen::Vector3f position = Eigen::Vector3f::Zero();  // metres, map frame
+  Eigen::Vector3f normal = Eigen::Vector3f::Zero();    // unit, towards the side it was seen from
+  std::array<std::uint8_t, 3> colour{};                // red, green, blue
+  float radius = 0;                                    // metres
+  float confidence = 0;
+};
+
+// From this confidence on visual_slam counts a surfel as part of the map (reference-facts.md, 2).
+constexpr float kStableConfidence = 10;
+inline bool is_stable(const Surfel& surfel) { return surfel.confidence >= kStableConfidence; }
+
+class SurfelStore {
+ public:
+  // New or changed. False, and nothing is kept, for what is no surfel: an id below zero, numbers
+  // that are not finite or beyond reason, a radius that is not positive, no normal. Memory goes by
+  // the surfels kept, whatever their ids.
+  bool set(std::int32_t id, Surfel surfel);
+  // An id that is not in the map is none of our business: it may have come and gone unheard of.
+  void remove(std::int32_t id);
+  void reset();
+
+  std::size_t size() const { return surfels_.size(); }
+  std::size_t stable() const { return stable_; }
+  // In the order of their ids.
+  std::vector<Surfel> list() const;
+
+ private:
+  std::unordered_map<std::int32_t, Surfel> surfels_;
+  std::size_t stable_ = 0;
+};
+
+}  // namespace gastronaut::evaluation
