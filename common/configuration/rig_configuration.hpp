@@ -272,7 +272,9 @@ struct VisualSlamConfiguration {
   int max_width = 320;             // pixels: pictures are halved (or more) until no wider
   double rgb_weight = 0.13;        // w_rgb of the paper: weight of colour beside depth
   double active_window = 6.7;      // seconds; what was not seen since is the map's inactive part
-  double stable_confidence = 10;   // surfels below it are removed when they stay unseen
+  // Surfels that were merged fewer times than this are removed when they stay unseen. Depth from
+  // shading is merged by keyframes, a sensor's frame by frame: there 10 is right.
+  double stable_confidence = 3;
   double map_interval = 0.5;       // seconds between two MAP_SURFELS
   double save_interval = 5;        // seconds between two saves of the map (--map)
 

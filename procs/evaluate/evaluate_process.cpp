@@ -183,6 +183,7 @@ void RunReader::handle_configuration(const rig_config_t& message) {
   run_.code_version = message.code_version;
   try {
     run_.configuration = parse_rig_configuration(message.yaml, "RIG_CONFIG");
+    run_.map.stable_confidence = run_.configuration->visual_slam.stable_confidence;
   } catch (const ConfigurationError& error) {
     run_.notes.push_back(std::string("RIG_CONFIG cannot be used, so nothing that needs the "
                                      "magnet's place or the array is computed: ") +
@@ -234,7 +235,8 @@ void RunReader::handle_map(const map_surfels_t& message) {
                         message.confidence[i]};
     if (!surfels_.set(message.id[i], surfel)) ++run_.map.refused;
   }
-  run_.map.sizes.push_back({message.utime, surfels_.size(), surfels_.stable()});
+  run_.map.sizes.push_back(
+      {message.utime, surfels_.size(), surfels_.stable(run_.map.stable_confidence)});
 }
 
 void RunReader::compare(const depth_image_t& estimate, const depth_image_t& truth) {

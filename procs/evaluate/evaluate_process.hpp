@@ -48,6 +48,8 @@ struct MapRecord {
   std::vector<Surfel> surfels;  // after the last message, by id
   std::vector<MapSize> sizes;   // after each message
   std::size_t refused = 0;      // surfels that were none
+  // visual_slam.stable_confidence: from it on a surfel is part of the map.
+  double stable_confidence = VisualSlamConfiguration{}.stable_confidence;
 };
 
 struct RecordedRun {

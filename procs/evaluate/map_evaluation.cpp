@@ -391,7 +391,7 @@ void evaluate_map(Metrics& metrics, const std::string& folder, const std::string
   const Points all = positions(map.surfels);
   Points stable;
   for (const Surfel& surfel : map.surfels) {
-    if (is_stable(surfel)) stable.push_back(surfel.position.cast<double>());
+    if (is_stable(surfel, map.stable_confidence)) stable.push_back(surfel.position.cast<double>());
   }
   metrics.set_count("map.stable", stable.size());
   write_sizes(folder + "/map_size.csv", map.sizes);
@@ -418,7 +418,7 @@ void evaluate_map(Metrics& metrics, const std::string& folder, const std::string
   if (only_stable) {
     std::size_t kept = 0;
     for (std::size_t i = 0; i < shown.size(); ++i) {
-      if (!is_stable(shown[i])) continue;
+      if (!is_stable(shown[i], map.stable_confidence)) continue;
       shown[kept] = shown[i];
       if (!errors.empty()) errors[kept] = errors[i];
       ++kept;

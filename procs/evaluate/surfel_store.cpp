@@ -20,25 +20,18 @@ bool SurfelStore::set(std::int32_t id, Surfel surfel) {
   const float norm = surfel.normal.norm();
   if (id < 0 || !is_sound(surfel) || !(norm > 0) || !std::isfinite(norm)) return false;
   surfel.normal /= norm;
-  const auto [place, added] = surfels_.try_emplace(id, surfel);
-  if (!added) {
-    if (is_stable(place->second)) --stable_;
-    place->second = surfel;
-  }
-  if (is_stable(surfel)) ++stable_;
+  surfels_.insert_or_assign(id, surfel);
   return true;
 }
 
-void SurfelStore::remove(std::int32_t id) {
-  const auto place = surfels_.find(id);
-  if (place == surfels_.end()) return;
-  if (is_stable(place->second)) --stable_;
-  surfels_.erase(place);
-}
+void SurfelStore::remove(std::int32_t id) { surfels_.erase(id); }
 
-void SurfelStore::reset() {
-  surfels_.clear();
-  stable_ = 0;
+void SurfelStore::reset() { surfels_.clear(); }
+
+std::size_t SurfelStore::stable(double least_confidence) const {
+  return static_cast<std::size_t>(
+      std::count_if(surfels_.begin(), surfels_.end(),
+                    [&](const auto& entry) { return is_stable(entry.second, least_confidence); }));
 }
 
 std::vector<Surfel> SurfelStore::list() const {

@@ -18,9 +18,9 @@ struct Surfel {
   float confidence = 0;
 };
 
-// From this confidence on visual_slam counts a surfel as part of the map (reference-facts.md, 2).
-constexpr float kStableConfidence = 10;
-inline bool is_stable(const Surfel& surfel) { return surfel.confidence >= kStableConfidence; }
+inline bool is_stable(const Surfel& surfel, double least_confidence) {
+  return static_cast<double>(surfel.confidence) >= least_confidence;
+}
 
 class SurfelStore {
  public:
@@ -33,13 +33,13 @@ class SurfelStore {
   void reset();
 
   std::size_t size() const { return surfels_.size(); }
-  std::size_t stable() const { return stable_; }
+  // Those of at least that confidence.
+  std::size_t stable(double least_confidence) const;
   // In the order of their ids.
   std::vector<Surfel> list() const;
 
  private:
   std::unordered_map<std::int32_t, Surfel> surfels_;
-  std::size_t stable_ = 0;
 };
 
 }  // namespace gastronaut::evaluation

@@ -29,7 +29,7 @@ namespace gastronaut::slam {
 
 struct KeyframeWindowOptions {
   int keyframes = 7;  // refined together
-  int points = 250;   // of each keyframe, at most
+  int points = 250;   // of each keyframe, about
   int iterations = 6;
   double least_gradient = 0.05;  // of normalised albedo per pixel: points have more
   int contrast_reach = 3;  // pixels around each, to whose contrast its albedo is normalised: less

@@ -24,12 +24,12 @@ struct SurfelMapOptions {
   double angle_gate = 0.5;       // radians between measured and predicted normal
   double minimum_cosine = 0.15;  // between normal and line of sight; flatter is not used
   double radius_growth = 1.5;  // above this times the old radius the view is too coarse to move it
-  double trusted_relative_std = 0.02;  // frames n times as uncertain weigh 1 / n^2
+  double trusted_relative_std = 0.05;  // frames n times as uncertain weigh 1 / n^2
 
   double stable_confidence = 10;
   double confidence_limit = 200;  // so that what changes is still followed
   double active_window = 6.7;     // seconds since the last update: 200 frames
-  double unseen_limit = 0.67;     // seconds that an unstable surfel stays unseen: 20 frames
+  double unseen_limit = 3;        // seconds that an unstable surfel stays unseen
   double least_confidence = 0.5;  // halved by each frame that sees through it; below: removed
 
   int reserved_surfels = 2'000'000;  // address space set aside, so that growing is no stutter

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -12,9 +13,11 @@ namespace {
 
 constexpr double kMicrosecond = 1e-6;
 constexpr double kLongestPrediction = 0.3;  // seconds that a velocity is trusted
+constexpr double kShortestInterval = 2e-3;  // seconds: closer frames tell no velocity
 // One sigma of what two ways to the same place may differ by, as a fraction of the working distance
 // and in radians: a place that the camera finds itself at twice is the right one.
 constexpr double kSamePlace = 0.01;
+constexpr double kBend = 0.05;            // of a surface over five pixels, as a fraction of depth
 constexpr double kSharpnessMemory = 0.1;  // weight of the newest picture
 
 double median_depth(const Plane<float>& depth) {
@@ -36,6 +39,20 @@ Frame frame_of(const ModelView& view) {
   return frame;
 }
 
+ModelView model_of(const Frame& frame, const SE3& map_T_camera) {
+  ModelView view;
+  view.map_T_camera = map_T_camera;
+  view.grid = frame.grid;
+  view.depth = frame.depth;
+  view.albedo = frame.albedo;
+  NormalMap normals;
+  estimate_normals(frame.depth, frame.grid, kBend, normals);
+  view.normal_x = std::move(normals.x);
+  view.normal_y = std::move(normals.y);
+  view.normal_z = std::move(normals.z);
+  return view;
+}
+
 // In distances and radians.
 struct Motion {
   double shift = 0;
@@ -45,6 +62,14 @@ Motion motion(const SE3& a, const SE3& b, double distance) {
   const SE3 between = a.inverse() * b;
   return {distance > 0 ? between.translation.norm() / distance : 0,
           angle_between(between.rotation, Eigen::Quaterniond::Identity())};
+}
+
+// Whether the camera may have moved in any direction, and the map would still fit.
+bool holds_nothing(const TrackingResult& result, double distance, double hold) {
+  if (result.status != TrackingStatus::kDegraded || !(distance > 0)) return false;
+  const Eigen::Matrix3d translation = result.covariance.topLeftCorner<3, 3>();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(translation, Eigen::EigenvaluesOnly);
+  return std::sqrt(solver.eigenvalues()(0)) > hold * distance;
 }
 
 VisualSlamOptions checked(const VisualSlamOptions& options) {
@@ -70,7 +95,13 @@ VisualSlam::VisualSlam(const VisualSlamOptions& options, KeptMap kept)
 SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health,
                            const std::optional<SE3>& map_T_camera_start) {
   if (!health.failure.empty()) return lost(frame.utime, health);
-  if (!tracker_) prepare(frame.grid);
+  if (!tracker_ || (!has_begun_ && map_.size() == 0 && frame.grid != grid_)) prepare(frame.grid);
+  if (frame.grid != grid_) {
+    throw std::invalid_argument(fmt::format(
+        "a frame of {}x{} pixels, focal length {:.2f}, does not go with the map, which "
+        "began with {}x{}, {:.2f}",
+        frame.grid.width, frame.grid.height, frame.grid.fx, grid_.width, grid_.height, grid_.fx));
+  }
   use_refinement();
   frame_ = frame;
   is_sharp_ = !is_blurred(health.sharpness);
@@ -85,12 +116,16 @@ SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health,
   if (map_T_camera_) {
     const SE3 start = map_T_camera_start.value_or(predicted_pose(frame.utime));
     pose_.map_T_camera = *map_T_camera_;
-    result = track_from(frame, start, was_lost ? MapPart::kAll : MapPart::kActive);
+    result = was_lost ? track_from(frame, start, MapPart::kAll) : track_near(frame, start);
     const Motion moved = motion(start, result->map_T_camera, distance_);
     if (moved.shift > options_.largest_shift || moved.turn > options_.largest_turn) {
       result->status = TrackingStatus::kLost;
       result->cause = fmt::format("jumped by {:.1f} mm and {:.0f} degrees",
                                   1e3 * moved.shift * distance_, moved.turn * 180 / M_PI);
+    }
+    if (holds_nothing(*result, distance_, options_.tracker.hold)) {
+      result->status = TrackingStatus::kLost;
+      result->cause = "nothing in the picture tells where the camera is";
     }
     // Where nothing tells that the camera is still near, a doubtful fit is none.
     if (was_lost && !confirmed(frame, *result)) result->status = TrackingStatus::kLost;
@@ -126,14 +161,14 @@ void VisualSlam::merge(const std::optional<SE3>& fused) {
     pose_.map_T_camera = *fused;
     map_T_camera_ = *fused;
   }
-  const bool is_first = num_keyframes_ == 0;
+  const bool is_first = map_.size() == 0;
   const bool is_keyframe = is_first || is_far_from_keyframe();
   const bool is_certain = frame_.relative_std <= options_.certain_depth;
   // A blurred picture is tracked, but has nothing to tell the map.
   if (!is_sharp_ && !is_first) return;
   if (is_keyframe && !newest_) {
     relocaliser_->add(frame_, pose_.map_T_camera);
-    ++num_keyframes_;
+    has_begun_ = true;
     if (is_certain) {
       drift_ = pose_.covariance;
       reference_ = pose_.map_T_camera;
@@ -154,25 +189,35 @@ KeptMap VisualSlam::kept() const {
 }
 
 void VisualSlam::prepare(const PinholeGrid& grid) {
-  tracker_.emplace(grid, options_.tracker);
+  FrameTracker tracker(grid, options_.tracker);
   relocaliser_.emplace(grid, options_.relocaliser);
   window_ = std::make_unique<KeyframeWindow>(grid, options_.window);
   for (const SE3& viewpoint : kept_viewpoints_) {
     map_.predict(viewpoint, grid, 0, MapPart::kAll, view_);
     relocaliser_->add(frame_of(view_), viewpoint);
   }
+  tracker_ = std::move(tracker);
+  grid_ = grid;
 }
 
 void VisualSlam::begin(const Frame& frame, const SE3& map_T_camera) {
-  distance_ = median_depth(frame.depth);
-  if (distance_ == 0) {
-    pose_.cause = "no depth to begin a map with";
+  const auto farthest = static_cast<float>(options_.map.farthest * options_.map.working_distance);
+  const auto within = std::count_if(frame.depth.values.begin(), frame.depth.values.end(),
+                                    [&](float depth) { return depth > 0 && depth <= farthest; });
+  const double share = static_cast<double>(within) / static_cast<double>(frame.depth.size());
+  if (share < options_.least_depth) {
+    pose_.cause = fmt::format(
+        "too little to begin a map with: {:.0f} % of the picture have depth within {:.3g} m",
+        100 * share, farthest);
     return;
   }
+  distance_ = median_depth(frame.depth);
   map_T_camera_ = map_T_camera;
+  origin_ = map_T_camera.translation;
   utime_ = frame.utime;
   pose_.map_T_camera = map_T_camera;
-  pose_.status = SlamStatus::kOk;
+  pose_.status = has_begun_ ? SlamStatus::kDegraded : SlamStatus::kOk;
+  if (has_begun_) pose_.cause = "no surface was found in what was seen so far";
   pose_.inlier_fraction = 1;
 }
 
@@ -180,6 +225,16 @@ SE3 VisualSlam::predicted_pose(std::int64_t utime) const {
   const double ahead = static_cast<double>(utime - utime_) * kMicrosecond;
   if (is_lost_ || ahead > kLongestPrediction) return *map_T_camera_;
   return *map_T_camera_ * SE3::exp(velocity_ * ahead);
+}
+
+// What a refined keyframe saw is sharper than what was merged of it, so where depth needs
+// refinement it is the model; the merged surfels are, where that does not reach.
+TrackingResult VisualSlam::track_near(const Frame& frame, const SE3& start) {
+  if (model_) {
+    const TrackingResult result = tracker_->track(frame, *model_, start);
+    if (result.status == TrackingStatus::kOk) return result;
+  }
+  return track_from(frame, start, MapPart::kActive);
 }
 
 TrackingResult VisualSlam::track_from(const Frame& frame, const SE3& start, MapPart part) {
@@ -212,6 +267,11 @@ void VisualSlam::accept(const Frame& frame, const TrackingResult& result) {
     pose_.status = SlamStatus::kDegraded;
     pose_.cause = pose_.cause.empty() ? "blur" : "blur, " + pose_.cause;
   }
+  if (model_ && refined_points_ < options_.least_points * options_.window.points) {
+    pose_.status = SlamStatus::kDegraded;
+    pose_.cause += (pose_.cause.empty() ? "" : ", ") +
+                   fmt::format("low texture: {} points hold the last keyframe", refined_points_);
+  }
   pose_.map_T_camera = result.map_T_camera;
   pose_.icp_rms = result.icp_rms;
   pose_.rgb_rms = result.rgb_rms;
@@ -219,6 +279,13 @@ void VisualSlam::accept(const Frame& frame, const TrackingResult& result) {
   pose_.depth_scale = result.depth_scale;
   const Matrix6d from_reference = (result.map_T_camera.inverse() * reference_).adjoint();
   pose_.covariance = from_reference * drift_ * from_reference.transpose() + result.covariance;
+  if (frame.relative_std > options_.certain_depth) {
+    // The scale of all the map's depths is no better known than this.
+    Vector6d by_scale = Vector6d::Zero();
+    by_scale.head<3>() = result.map_T_camera.rotation.conjugate() *
+                         (result.map_T_camera.translation - origin_) * options_.window.scale_std;
+    pose_.covariance += by_scale * by_scale.transpose();
+  }
   const double elapsed = static_cast<double>(frame.utime - utime_) * kMicrosecond;
   if (is_lost_) {
     pose_.status = SlamStatus::kRelocalised;
@@ -228,11 +295,13 @@ void VisualSlam::accept(const Frame& frame, const TrackingResult& result) {
     if (refining_.valid()) refining_.wait();
     refining_ = {};
     newest_.reset();
+    model_.reset();
     window_->clear();
     drift_ = result.covariance;
     reference_ = result.map_T_camera;
   } else {
-    velocity_ = (map_T_camera_->inverse() * result.map_T_camera).log() / elapsed;
+    const Vector6d moved = (map_T_camera_->inverse() * result.map_T_camera).log();
+    if (elapsed > kShortestInterval) velocity_ = moved / elapsed;
   }
   is_lost_ = false;
   map_T_camera_ = result.map_T_camera;
@@ -266,15 +335,19 @@ void VisualSlam::refine(const Frame& frame, const SE3& map_T_camera) {
 // with it.
 void VisualSlam::use_refinement() {
   if (!newest_ || ++frames_since_keyframe_ < options_.refinement_frames) return;
-  const RefinedKeyframe refined = refining_.get().back();
+  const std::vector<RefinedKeyframe> window = refining_.get();
+  const RefinedKeyframe& refined = window.back();
   Keyframe keyframe = std::move(*newest_);
   newest_.reset();
   map_T_camera_ = refined.map_T_camera * (keyframe.map_T_camera.inverse() * *map_T_camera_);
   reference_ = refined.map_T_camera;
   drift_ = refined.covariance;
+  // The first one has no other to hold it yet.
+  refined_points_ = window.size() > 1 ? refined.points : options_.window.points;
   keyframe.frame.depth = refined.depth;
   keyframe.frame.relative_std = refined.relative_std;
   merge_as_is(keyframe.frame, refined.map_T_camera);
+  model_ = model_of(keyframe.frame, refined.map_T_camera);
 }
 
 void VisualSlam::merge_as_is(const Frame& frame, const SE3& map_T_camera) {

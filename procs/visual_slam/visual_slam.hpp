@@ -37,11 +37,13 @@ struct VisualSlamOptions {
   KeyframeWindowOptions window;
   RelocaliserOptions relocaliser;
 
+  double least_depth = 0.2;      // of a picture within the map's reach: less begins no map
   double certain_depth = 0.01;   // frames of at most this relative_std are merged as they are
   double keyframe_shift = 0.08;  // a keyframe: so far from the last, in distances to what is seen,
   double keyframe_turn = 0.15;   // or turned so far, radians,
   double longest_gap = 0.3;      // or, without either, so many seconds since the last merge: then
                                  // it is merged as it is
+  double least_points = 0.4;     // DEGRADED: fewer of window.points hold the newest keyframe
   int refinement_frames = 2;     // frames from a keyframe to when it counts as refined
   // How much of each frame's own scale is kept when it is fitted to the map's: their mean is what
   // holds the map's scale. For frames that are merged as they are.
@@ -79,7 +81,7 @@ class VisualSlam {
 
   // Where the camera is. utimes ascend. `map_T_camera_start`: where it is thought to be, from
   // elsewhere; else where constant velocity leads. Throws std::invalid_argument when the frame's
-  // grid is not that of the first.
+  // grid is too small, or not that of the frame that the map began with.
   SlamPose track(const Frame& frame, const PictureHealth& health,
                  const std::optional<SE3>& map_T_camera_start = std::nullopt);
   // The same for a picture of which no frame could be made.
@@ -102,6 +104,7 @@ class VisualSlam {
   SE3 predicted_pose(std::int64_t utime) const;
   void begin(const Frame& frame, const SE3& map_T_camera);
   void use_refinement();
+  TrackingResult track_near(const Frame& frame, const SE3& start);
   TrackingResult track_from(const Frame& frame, const SE3& start, MapPart part);
   bool confirmed(const Frame& frame, const TrackingResult& result);
   std::optional<TrackingResult> relocalise(const Frame& frame);
@@ -114,6 +117,7 @@ class VisualSlam {
   VisualSlamOptions options_;
   SurfelMap map_;
   std::vector<SE3> kept_viewpoints_;
+  PinholeGrid grid_;
   std::optional<FrameTracker> tracker_;  // these three since the first frame
   std::optional<Relocaliser> relocaliser_;
   ModelView view_;
@@ -127,15 +131,18 @@ class VisualSlam {
   std::int64_t utime_ = 0;
   Vector6d velocity_ = Vector6d::Zero();  // twist a second, camera frame
   bool is_lost_ = false;
-  double distance_ = 0;                // metres, median depth
-  double sharpness_ = 0;               // lately
+  Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();  // where the map began
+  double distance_ = 0;                               // metres, median depth
+  double sharpness_ = 0;                              // lately
   Matrix6d drift_ = Matrix6d::Zero();  // covariance of reference_, camera frame there
 
-  SE3 reference_;  // pose of the last keyframe
-  int num_keyframes_ = 0;
+  SE3 reference_;           // pose of the last keyframe
+  bool has_begun_ = false;  // something was merged
   std::int64_t merged_utime_ = 0;
   std::unique_ptr<KeyframeWindow> window_;
   std::optional<Keyframe> newest_;  // being refined
+  std::optional<ModelView> model_;  // the newest refined keyframe as it saw
+  int refined_points_ = 0;          // that hold it
   int frames_since_keyframe_ = 0;
   std::future<std::vector<RefinedKeyframe>> refining_;  // after window_: is waited for first
 };

@@ -57,7 +57,7 @@ std::optional<slam::DepthCounts> depth_counts(const depth_image_t& message) {
                         finite({message.fx, message.fy, message.cx, message.cy,
                                 message.metres_per_count, message.relative_std}) &&
                         message.fx > 0 && message.fy > 0 && message.metres_per_count > 0 &&
-                        message.relative_std >= 0;
+                        message.relative_std >= 0 && message.relative_std <= 1;
   const std::optional<DepthEncoding> encoding = depth_encoding(message.encoding);
   if (!possible || !encoding) return std::nullopt;
   auto counts = decode_depth_counts(*encoding, message.data, message.width, message.height);
@@ -170,13 +170,14 @@ void VisualSlamProcess::handle_frame(const image_t& albedo, const depth_image_t&
     return;
   }
   slam::Frame frame;
+  slam::SlamPose pose;
   try {
     frame = assemble_frame(depth.utime, *counts, *levels, configuration_.visual_slam.max_width);
+    pose = slam_.track(frame, health_of(albedo));
   } catch (const std::invalid_argument& error) {
     publish_lost(depth.utime, "corrupt", error.what());
     return;
   }
-  const slam::SlamPose pose = slam_.track(frame, health_of(albedo));
   publish(pose);
   slam_.merge();
   if (frame.utime >= map_due_) {

@@ -17,7 +17,8 @@ constexpr float kLeastShare = 0.5F;  // of the contrast's window that must not b
 // The patch of a point, pixels from its middle: as in DSO.
 constexpr std::array<std::array<int, 2>, kPatchPixels> kPatch = {
     {{0, 0}, {-2, 0}, {2, 0}, {0, -2}, {0, 2}, {-1, -1}, {1, -1}, {-1, 1}}};
-constexpr int kBorder = 3;  // pixels around a point that must be in the picture
+constexpr int kLeastSide = 5;  // pixels between points, about: closer ones see the same
+constexpr int kBorder = 3;     // pixels around a point that must be in the picture
 
 bool is_depth(float depth) { return depth > 0 && std::isfinite(depth); }
 bool is_albedo(float albedo) { return albedo >= 0 && std::isfinite(albedo); }
@@ -96,6 +97,33 @@ bool make_point(const Texture& texture, int u, int v, double jump, WindowPoint& 
   return true;
 }
 
+std::vector<WindowPoint> steepest_in_squares(const Texture& texture, int side,
+                                             double least_gradient, double jump) {
+  const PinholeGrid& grid = texture.grid;
+  std::vector<WindowPoint> selected;
+  for (int top = kBorder; top + kBorder < grid.height; top += side) {
+    for (int left = kBorder; left + kBorder < grid.width; left += side) {
+      auto steepest = static_cast<float>(least_gradient * least_gradient);
+      WindowPoint best;
+      bool found = false;
+      for (int v = top; v < std::min(top + side, grid.height - kBorder); ++v) {
+        for (int u = left; u < std::min(left + side, grid.width - kBorder); ++u) {
+          const Texel& texel = texture.texels[static_cast<std::size_t>(v * grid.width + u)];
+          const float steepness =
+              texel.gradient_x * texel.gradient_x + texel.gradient_y * texel.gradient_y;
+          WindowPoint point;
+          if (!(steepness > steepest) || !make_point(texture, u, v, jump, point)) continue;
+          steepest = steepness;
+          best = point;
+          found = true;
+        }
+      }
+      if (found) selected.push_back(best);
+    }
+  }
+  return selected;
+}
+
 }  // namespace
 
 Texture texture_of(const Frame& frame, int reach, double floor) {
@@ -120,30 +148,15 @@ Texture texture_of(const Frame& frame, int reach, double floor) {
 
 std::vector<WindowPoint> select_points(const Texture& texture, int points, double least_gradient,
                                        double jump) {
-  const PinholeGrid& grid = texture.grid;
-  const double area = static_cast<double>(grid.width) * grid.height;
-  const int side = std::max(2, static_cast<int>(std::sqrt(area / points)));
-  std::vector<WindowPoint> selected;
-  for (int top = kBorder; top + kBorder < grid.height; top += side) {
-    for (int left = kBorder; left + kBorder < grid.width; left += side) {
-      auto steepest = static_cast<float>(least_gradient * least_gradient);
-      WindowPoint best;
-      bool found = false;
-      for (int v = top; v < std::min(top + side, grid.height - kBorder); ++v) {
-        for (int u = left; u < std::min(left + side, grid.width - kBorder); ++u) {
-          const Texel& texel = texture.texels[static_cast<std::size_t>(v * grid.width + u)];
-          const float steepness =
-              texel.gradient_x * texel.gradient_x + texel.gradient_y * texel.gradient_y;
-          WindowPoint point;
-          if (!(steepness > steepest) || !make_point(texture, u, v, jump, point)) continue;
-          steepest = steepness;
-          best = point;
-          found = true;
-        }
-      }
-      if (found) selected.push_back(best);
-    }
-  }
+  const double area = static_cast<double>(texture.grid.width) * texture.grid.height;
+  const double side = std::sqrt(area / points);
+  const auto select = [&](double pixels) {
+    return steepest_in_squares(texture, std::max(kLeastSide, static_cast<int>(pixels)),
+                               least_gradient, jump);
+  };
+  std::vector<WindowPoint> selected = select(side);
+  const double share = static_cast<double>(selected.size()) / points;
+  if (share < 1 && !selected.empty()) selected = select(side * std::sqrt(share));
   return selected;
 }
 

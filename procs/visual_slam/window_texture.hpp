@@ -13,9 +13,10 @@ namespace gastronaut::slam {
 // masked.
 Texture texture_of(const Frame& frame, int reach, double floor);
 
-// The pixel with the steepest albedo in each of as many squares as points are wanted; none in a
-// square where nothing exceeds least_gradient (per pixel), lies on one surface (neighbours' depths
-// differ by less than `jump`, a fraction) and is seen whole.
+// The pixel with the steepest albedo in each square of a grid; none in a square where nothing
+// exceeds least_gradient (per pixel), lies on one surface (neighbours' depths differ by less than
+// `jump`, a fraction) and is seen whole. About as many as wanted: where squares are empty, all are
+// smaller.
 std::vector<WindowPoint> select_points(const Texture& texture, int points, double least_gradient,
                                        double jump);
 

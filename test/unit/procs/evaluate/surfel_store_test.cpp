@@ -9,6 +9,8 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
+constexpr float kStableConfidence = 4;
+
 Surfel surfel(float x, float confidence = 2 * kStableConfidence) {
   return {{x, 0, 0}, {0, 0, 1}, {1, 2, 3}, 0.001F, confidence};
 }
@@ -18,14 +20,14 @@ TEST(SurfelStore, HoldsWhatWasSaidLast) {
   EXPECT_TRUE(store.set(7, surfel(1)));
   EXPECT_TRUE(store.set(3, surfel(2, kStableConfidence)));
   EXPECT_TRUE(store.set(5, surfel(3, kStableConfidence / 2)));
-  EXPECT_EQ(store.stable(), 2U);
+  EXPECT_EQ(store.stable(kStableConfidence), 2U);
   EXPECT_TRUE(store.set(7, surfel(4, 0)));
   EXPECT_EQ(store.size(), 3U);
-  EXPECT_EQ(store.stable(), 1U);
+  EXPECT_EQ(store.stable(kStableConfidence), 1U);
   store.remove(3);
   store.remove(3);
   store.remove(99);
-  EXPECT_EQ(store.stable(), 0U);
+  EXPECT_EQ(store.stable(kStableConfidence), 0U);
   const std::vector<Surfel> list = store.list();
   ASSERT_EQ(list.size(), 2U);
   EXPECT_EQ(list[0].position.x(), 3);  // by id: 5, then 7
