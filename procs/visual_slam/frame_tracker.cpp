@@ -74,6 +74,7 @@ struct Alignment {
 struct NormalEquations {
   Vector7d unit;
   Matrix7d icp, rgb, prior;
+  double rgb_factor = 0;  // how much a sum of squares of normalised albedo weighs in rgb
   Vector7d right;  // (icp + rgb + prior) step = right
 };
 
@@ -170,9 +171,17 @@ NormalEquations Level::normal_equations(const TrackingSums& sums,
     return equations.unit.asDiagonal() * matrix * equations.unit.asDiagonal();
   };
   const double icp = icp_factor(alignment.noise);
-  const double rgb = rgb_factor(alignment.noise);
+  // Together the pixels know a turn no better than they are registered.
+  const Matrix7d by_pixels =
+      rgb_factor(alignment.noise) * scaled(symmetric<kRgbUnknowns>(sums, kRgbMatrix));
+  const double shift = options_.misregistration / (model_.grid.fx * model_.pixel);
+  const double largest =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(by_pixels.block<3, 3>(3, 3)).eigenvalues()(2);
+  const double registered = 1 / (1 + std::max(0.0, largest) * shift * shift);
+  const double rgb = registered * rgb_factor(alignment.noise);
+  equations.rgb_factor = rgb;
   equations.icp = icp * scaled(symmetric<kIcpUnknowns>(sums, kIcpMatrix));
-  equations.rgb = rgb * scaled(symmetric<kRgbUnknowns>(sums, kRgbMatrix));
+  equations.rgb = registered * by_pixels;
   // So weak for the twist that it only matters where nothing else holds.
   const double scale_std =
       options_.estimate_depth_scale ? std::max(relative_std_, kExactScale) : kExactScale;
@@ -360,7 +369,7 @@ TrackingResult FrameTracker::track(const Frame& frame, const ModelView& model,
   const DesignEffect effect = design_effect(
       blocks,
       model_[0].depth.values.size() / static_cast<std::size_t>(grid_.height) / kTrackingLanes,
-      equations, finest.icp_factor(alignment.noise), finest.rgb_factor(alignment.noise));
+      equations, finest.icp_factor(alignment.noise), equations.rgb_factor);
   if (by_depth) {
     equations.icp = without_doubtful_normals(equations.icp, options_.normal_std);
   }
