@@ -22,6 +22,15 @@ struct SurfelArrays {
   std::size_t size() const { return x.size(); }
   bool holds(std::size_t id) const { return id < radius.size() && radius[id] > 0; }
 
+  // Ids of the surfels of at least that confidence, ascending.
+  std::vector<std::size_t> at_least(double least_confidence) const {
+    std::vector<std::size_t> ids;
+    for (std::size_t id = 0; id < size(); ++id) {
+      if (holds(id) && static_cast<double>(confidence[id]) >= least_confidence) ids.push_back(id);
+    }
+    return ids;
+  }
+
   // visit(array) in the order above, which is that of the file as well.
   template <class Self, class Visit>
   static void for_each_array(Self& self, const Visit& visit) {

@@ -1,9 +1,7 @@
 #include "visual_slam/surfel_file.hpp"
 
-#include <algorithm>
 #include <array>
 #include <bit>
-#include <cerrno>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -14,6 +12,8 @@
 #include <stdexcept>
 #include <system_error>
 #include <vector>
+
+#include "visual_slam/ply_file.hpp"
 
 namespace gastronaut::slam {
 namespace {
@@ -81,22 +81,6 @@ std::uint64_t bytes_per_entry() {
   std::uint64_t bytes = 0;
   SurfelArrays::for_each_array(one, [&](const auto& array) { bytes += sizeof array[0]; });
   return bytes;
-}
-
-template <class Write>
-void write_whole(const std::string& path, const Write& write) {
-  const std::string partial = path + ".partial";
-  std::ofstream file(partial, std::ios::binary | std::ios::trunc);
-  if (file) write(file);
-  file.close();
-  std::error_code error;
-  if (file) std::filesystem::rename(partial, path, error);
-  if (!file || error) {
-    const std::string why = error ? error.message() : std::strerror(errno);
-    std::filesystem::remove(partial, error);
-    throw std::runtime_error(path + ": cannot be written (" + why +
-                             "); check the folder, its permissions and the space left");
-  }
 }
 
 [[noreturn]] void refuse(const std::string& path, const std::string& why) {
@@ -182,30 +166,15 @@ KeptMap load_map(const std::string& path) {
 }
 
 void export_ply(const std::string& path, const SurfelArrays& surfels, double least_confidence) {
-  std::vector<std::size_t> ids;
-  for (std::size_t k = 0; k < surfels.size(); ++k) {
-    if (surfels.holds(k) && static_cast<double>(surfels.confidence[k]) >= least_confidence) {
-      ids.push_back(k);
-    }
-  }
+  const std::vector<std::size_t> ids = surfels.at_least(least_confidence);
   write_whole(path, [&](std::ofstream& file) {
-    file << "ply\nformat binary_little_endian 1.0\ncomment surfels in metres\nelement vertex "
-         << ids.size() << '\n';
-    for (const char* name : {"x", "y", "z", "nx", "ny", "nz"}) {
-      file << "property float " << name << '\n';
-    }
-    for (const char* name : {"red", "green", "blue"}) file << "property uchar " << name << '\n';
+    write_ply_head(file, "surfels in metres", ids.size());
     for (const char* name : {"radius", "confidence"}) file << "property float " << name << '\n';
     file << "end_header\n";
     for (const std::size_t k : ids) {
-      const std::array<float, 6> place = {surfels.x[k],  surfels.y[k],  surfels.z[k],
-                                          surfels.nx[k], surfels.ny[k], surfels.nz[k]};
-      const auto grey = static_cast<char>(
-          static_cast<std::uint8_t>(std::lround(std::clamp(surfels.albedo[k], 0.0F, 1.0F) * 255)));
-      const std::array<char, 3> colour = {grey, grey, grey};
+      write_ply_vertex(file, {surfels.x[k], surfels.y[k], surfels.z[k]},
+                       {surfels.nx[k], surfels.ny[k], surfels.nz[k]}, surfels.albedo[k]);
       const std::array<float, 2> rest = {surfels.radius[k], surfels.confidence[k]};
-      file.write(reinterpret_cast<const char*>(place.data()), sizeof place);
-      file.write(colour.data(), sizeof colour);
       file.write(reinterpret_cast<const char*>(rest.data()), sizeof rest);
     }
   });

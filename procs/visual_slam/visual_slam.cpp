@@ -17,6 +17,7 @@ constexpr double kShortestInterval = 2e-3;  // seconds: closer frames tell no ve
 // One sigma of what two ways to the same place may differ by, as a fraction of the working distance
 // and in radians: a place that the camera finds itself at twice is the right one.
 constexpr double kSamePlace = 0.01;
+constexpr double kNearest = 0.01;         // working distances: no camera sees anything so near
 constexpr double kBend = 0.05;            // of a surface over five pixels, as a fraction of depth
 constexpr double kSharpnessMemory = 0.1;  // weight of the newest picture
 
@@ -180,7 +181,9 @@ void VisualSlam::merge(const std::optional<SE3>& fused) {
   if (is_certain || is_first || (!newest_ && since_merge > options_.longest_gap)) {
     const auto scale = static_cast<float>(std::pow(pose_.depth_scale, 1 - options_.own_scale));
     for (float& depth : frame_.depth.values) depth *= scale;
-    merge_as_is(frame_, pose_.map_T_camera);
+    // Found again in a part of the map that was inactive: that is what was seen now, not another.
+    const bool is_found = pose_.status == SlamStatus::kRelocalised;
+    merge_as_is(frame_, pose_.map_T_camera, is_found ? MapPart::kAll : MapPart::kActive);
   }
 }
 
@@ -201,14 +204,18 @@ void VisualSlam::prepare(const PinholeGrid& grid) {
 }
 
 void VisualSlam::begin(const Frame& frame, const SE3& map_T_camera) {
-  const auto farthest = static_cast<float>(options_.map.farthest * options_.map.working_distance);
-  const auto within = std::count_if(frame.depth.values.begin(), frame.depth.values.end(),
-                                    [&](float depth) { return depth > 0 && depth <= farthest; });
+  const double nearest = kNearest * options_.map.working_distance;
+  const double farthest = options_.map.farthest * options_.map.working_distance;
+  const auto is_within = [&](float value) {
+    return static_cast<double>(value) >= nearest && static_cast<double>(value) <= farthest;
+  };
+  const auto within =
+      std::count_if(frame.depth.values.begin(), frame.depth.values.end(), is_within);
   const double share = static_cast<double>(within) / static_cast<double>(frame.depth.size());
   if (share < options_.least_depth) {
     pose_.cause = fmt::format(
-        "too little to begin a map with: {:.0f} % of the picture have depth within {:.3g} m",
-        100 * share, farthest);
+        "too little to begin a map with: {:.0f} % of the picture have depth of {:.2g} to {:.2g} m",
+        100 * share, nearest, farthest);
     return;
   }
   distance_ = median_depth(frame.depth);
@@ -346,12 +353,12 @@ void VisualSlam::use_refinement() {
   refined_points_ = window.size() > 1 ? refined.points : options_.window.points;
   keyframe.frame.depth = refined.depth;
   keyframe.frame.relative_std = refined.relative_std;
-  merge_as_is(keyframe.frame, refined.map_T_camera);
+  merge_as_is(keyframe.frame, refined.map_T_camera, MapPart::kActive);
   model_ = model_of(keyframe.frame, refined.map_T_camera);
 }
 
-void VisualSlam::merge_as_is(const Frame& frame, const SE3& map_T_camera) {
-  map_.predict(map_T_camera, frame.grid, frame.utime, MapPart::kActive, view_);
+void VisualSlam::merge_as_is(const Frame& frame, const SE3& map_T_camera, MapPart part) {
+  map_.predict(map_T_camera, frame.grid, frame.utime, part, view_);
   map_.fuse(frame, view_);
   merged_utime_ = std::max(merged_utime_, frame.utime);
 }

@@ -112,7 +112,7 @@ class VisualSlam {
   bool is_blurred(double sharpness);
   bool is_far_from_keyframe() const;
   void refine(const Frame& frame, const SE3& map_T_camera);
-  void merge_as_is(const Frame& frame, const SE3& map_T_camera);
+  void merge_as_is(const Frame& frame, const SE3& map_T_camera, MapPart part);
 
   VisualSlamOptions options_;
   SurfelMap map_;

@@ -17,6 +17,7 @@
 #include "pictures/depth_counts.hpp"
 #include "process/channels.hpp"
 #include "visual_slam/surfel_file.hpp"
+#include "visual_slam/surfel_mesh.hpp"
 
 namespace gastronaut {
 namespace {
@@ -269,9 +270,11 @@ void VisualSlamProcess::finish() {
     keeper_.wait();
     if (!keeper_.problem().empty()) spdlog::error("{}", keeper_.problem());
   }
-  if (!files_.points.empty()) {
-    slam::export_ply(files_.points, slam_.map().surfels(),
-                     configuration_.visual_slam.stable_confidence);
+  const double stable = configuration_.visual_slam.stable_confidence;
+  if (!files_.points.empty()) slam::export_ply(files_.points, slam_.map().surfels(), stable);
+  if (!files_.mesh.empty()) {
+    slam::export_mesh(files_.mesh,
+                      slam::triangulate(slam_.map().surfels(), {.least_confidence = stable}));
   }
 }
 

@@ -1,0 +1,48 @@
+// A triangle mesh of a map's surfels, for figures and for programs that know no surfels.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "visual_slam/surfel_arrays.hpp"
+
+namespace gastronaut::slam {
+
+struct MeshOptions {
+  double voxel = 0;              // metres, edge of the grid's cubes; 0: 1.25 median radii
+  double least_confidence = 10;  // surfels below are left out; the map's stable_confidence
+};
+
+// Map frame. Each vertex belongs to a triangle; no triangle is degenerate.
+struct TriangleMesh {
+  std::vector<Eigen::Vector3f> vertices;  // metres
+  std::vector<Eigen::Vector3f> normals;   // one a vertex: unit, out of the tissue
+  std::vector<float> albedo;              // one a vertex: 0 to 1; negative: never seen
+  // Indices of vertices, counterclockwise seen from where the normals point.
+  std::vector<std::array<std::int32_t, 3>> triangles;
+};
+
+// The zero set of f(p) = sum w_i n_i . (p - c_i) / sum w_i over surfels with centres c_i and
+// normals n_i (implicit moving least squares; Kolluri, ACM TALG 2008), by marching tetrahedra. w_i
+// is positive up to two radii (at least one voxel) from c_i in the surfel's plane and two voxels
+// off it. Where a surface is that far from any surfel there is no mesh: holes wider than four
+// radii stay holes, and so stay surfaces apart that are four voxels apart. Surfaces less than about
+// a voxel apart cannot be told from each other: opposite ones leave a hole there.
+//
+// Time and memory grow with the number of surfels and with their area in voxels, not with the
+// space between: 3 kB for each 4 x 4 x 4 corners of the grid of which one is near a surfel, then
+// the mesh; see the measured figures in the README of the benchmarks. Same surfels, same bytes.
+//
+// Throws std::invalid_argument for a voxel that is negative, or below half the median radius, which
+// would show nothing more, and for surfels four million voxels from the origin.
+TriangleMesh triangulate(const SurfelArrays& surfels, const MeshOptions& options);
+
+// PLY, binary little endian: vertices float x y z nx ny nz, uchar red green blue (albedo as grey);
+// faces uchar 3, int32 x 3. Metres, map frame. Writes path + ".partial" and renames it when it is
+// complete; throws std::runtime_error, saying why, when that fails.
+void export_mesh(const std::string& path, const TriangleMesh& mesh);
+
+}  // namespace gastronaut::slam
