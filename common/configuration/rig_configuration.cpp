@@ -106,6 +106,17 @@ void RigConfiguration::check() const {
                                 std::to_string(camera.width) + "x" + std::to_string(camera.height) +
                                 "; make it larger");
   }
+  // The grid that visual_slam will get, see depth_estimator.max_width.
+  const int pixels_per_tracked_pixel =
+      pixels_per_grid_pixel *
+      ((camera.width / pixels_per_grid_pixel + visual_slam.max_width - 1) / visual_slam.max_width);
+  constexpr int kLeastTracked = 80;  // pixels
+  const int least_side = std::min(camera.width, camera.height);
+  if (least_side >= kLeastTracked && least_side / pixels_per_tracked_pixel < kLeastTracked) {
+    throw std::invalid_argument(
+        "depth_estimator.max_width and visual_slam.max_width leave pictures of less than " +
+        std::to_string(kLeastTracked) + " pixels across to track with; make them larger");
+  }
   const Eigen::Index channels =
       static_cast<Eigen::Index>(hall_array.num_sensors()) * hall_array.num_axes;
   const Eigen::MatrixXd& matrix = coils.tesla_per_ampere;

@@ -271,22 +271,20 @@ struct VisualSlamConfiguration {
   double working_distance = 0.04;  // metres; 2 in a room
   int max_width = 320;             // pixels: pictures are halved (or more) until no wider
   double rgb_weight = 0.13;        // w_rgb of the paper: weight of colour beside depth
-  double active_window = 6.7;      // seconds; what was not seen since is the map's inactive part
   // Surfels that were merged fewer times than this are removed when they stay unseen. Depth from
   // shading is merged by keyframes, a sensor's frame by frame: there 10 is right.
   double stable_confidence = 3;
-  double map_interval = 0.5;       // seconds between two MAP_SURFELS
-  double save_interval = 5;        // seconds between two saves of the map (--map)
+  double map_interval = 0.5;  // seconds between two MAP_SURFELS
+  double save_interval = 5;   // seconds between two saves of the map (--map)
 
   template <class Visitor>
   void fields(Visitor& v) {
     v("working_distance", working_distance, between(1e-3, 100, Dimension::kLength));
     v("max_width", max_width, between(80, 4096));
     v("rgb_weight", rgb_weight, between(0, 100));
-    v("active_window", active_window, positive(Dimension::kTime));
-    v("stable_confidence", stable_confidence, positive());
-    v("map_interval", map_interval, positive(Dimension::kTime));
-    v("save_interval", save_interval, positive(Dimension::kTime));
+    v("stable_confidence", stable_confidence, between(0.1, 200));
+    v("map_interval", map_interval, between(0.01, 1e6, Dimension::kTime));
+    v("save_interval", save_interval, between(0.01, 1e6, Dimension::kTime));
   }
 };
 

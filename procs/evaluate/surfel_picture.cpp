@@ -45,7 +45,8 @@ class DiscPainter {
     const float z = disc.centre.z();
     if (!(z > 2 * disc.radius) || disc.centre.dot(disc.normal) >= 0) return disc;
     disc.radius = std::max(disc.radius, kLeastRadius * z / std::min(fx_, fy_));
-    const float nearest = z - disc.radius * std::sqrt(1 - disc.normal.z() * disc.normal.z());
+    const float nearest =
+        z - disc.radius * std::sqrt(std::max(0.0F, 1 - disc.normal.z() * disc.normal.z()));
     if (!(nearest > 0.5F * z)) return disc;
     const auto range = [&](float middle, float f, float c, int size, int& begin, int& end) {
       const float low = f * std::min((middle - disc.radius) / nearest, (middle - disc.radius) / z);

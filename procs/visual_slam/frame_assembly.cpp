@@ -70,7 +70,7 @@ Frame assemble_frame(std::int64_t utime, const DepthCounts& depth, const AlbedoL
   frame.depth = Plane<float>(frame.grid.width, frame.grid.height);
   frame.albedo = Plane<float>(frame.grid.width, frame.grid.height);
 
-  const int stride = std::max(1, factor * factor / kMostInBlock);
+  const int stride = (factor * factor + kMostInBlock - 1) / kMostInBlock;
   const auto depth_at = [&](int u, int v) {
     std::array<std::uint16_t, kMostInBlock> counts;
     std::size_t size = 0;

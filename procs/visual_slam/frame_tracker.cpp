@@ -74,8 +74,9 @@ struct Alignment {
 struct NormalEquations {
   Vector7d unit;
   Matrix7d icp, rgb, prior;
-  double rgb_factor = 0;  // how much a sum of squares of normalised albedo weighs in rgb
-  Vector7d right;  // (icp + rgb + prior) step = right
+  Matrix7d pixels;      // rgb if all pixels were registered exactly
+  Matrix7d registered;  // rgb = registered * pixels
+  Vector7d right;       // (icp + rgb + prior) step = right
 };
 
 // One level's pictures, and how they are to be compared.
@@ -171,24 +172,29 @@ NormalEquations Level::normal_equations(const TrackingSums& sums,
     return equations.unit.asDiagonal() * matrix * equations.unit.asDiagonal();
   };
   const double icp = icp_factor(alignment.noise);
-  // Together the pixels know a turn no better than they are registered.
-  const Matrix7d by_pixels =
-      rgb_factor(alignment.noise) * scaled(symmetric<kRgbUnknowns>(sums, kRgbMatrix));
-  const double shift = options_.misregistration / (model_.grid.fx * model_.pixel);
-  const double largest =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(by_pixels.block<3, 3>(3, 3)).eigenvalues()(2);
-  const double registered = 1 / (1 + std::max(0.0, largest) * shift * shift);
-  const double rgb = registered * rgb_factor(alignment.noise);
-  equations.rgb_factor = rgb;
+  const double rgb = rgb_factor(alignment.noise);
   equations.icp = icp * scaled(symmetric<kIcpUnknowns>(sums, kIcpMatrix));
-  equations.rgb = registered * by_pixels;
+  equations.pixels = rgb * scaled(symmetric<kRgbUnknowns>(sums, kRgbMatrix));
+  // However many they are, pixels know a direction no better than they are registered.
+  const double shift = options_.misregistration / (model_.grid.fx * model_.pixel);
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(equations.pixels.topLeftCorner<6, 6>());
+  const Vector6d share =
+      (1 + shift * shift * solver.eigenvalues().array().max(0)).inverse().matrix();
+  equations.registered = Matrix7d::Identity();
+  equations.registered.topLeftCorner<6, 6>() =
+      solver.eigenvectors() * share.asDiagonal() * solver.eigenvectors().transpose();
+  equations.rgb = Matrix7d::Zero();
+  equations.rgb.topLeftCorner<6, 6>() = solver.eigenvectors() *
+                                        share.cwiseProduct(solver.eigenvalues()).asDiagonal() *
+                                        solver.eigenvectors().transpose();
   // So weak for the twist that it only matters where nothing else holds.
   const double scale_std =
       options_.estimate_depth_scale ? std::max(relative_std_, kExactScale) : kExactScale;
   equations.prior = Matrix7d::Identity();
   equations.prior(6, 6) = 1 / (scale_std * scale_std);
-  equations.right = -(equations.unit.asDiagonal() * (icp * vector<kIcpUnknowns>(sums, kIcpVector) +
-                                                     rgb * vector<kRgbUnknowns>(sums, kRgbVector)));
+  const Vector7d by_icp = equations.unit.cwiseProduct(vector<kIcpUnknowns>(sums, kIcpVector));
+  const Vector7d by_rgb = equations.unit.cwiseProduct(vector<kRgbUnknowns>(sums, kRgbVector));
+  equations.right = -icp * by_icp - rgb * (equations.registered * by_rgb);
   equations.right(6) -= equations.prior(6, 6) * alignment.log_scale;
   return equations;
 }
@@ -240,7 +246,7 @@ DesignEffect design_effect(const std::vector<BlockGradient>& blocks, std::size_t
   };
   // Depth errors wider than a block show in none of them: never below what is expected.
   return {std::max(1.0, ratio(icp, icp_factor, equations.icp)),
-          ratio(rgb, rgb_factor, equations.rgb)};
+          ratio(rgb, rgb_factor, equations.pixels)};
 }
 
 // A surface that turns by no more than the map's normals are wrong holds nothing.
@@ -369,19 +375,24 @@ TrackingResult FrameTracker::track(const Frame& frame, const ModelView& model,
   const DesignEffect effect = design_effect(
       blocks,
       model_[0].depth.values.size() / static_cast<std::size_t>(grid_.height) / kTrackingLanes,
-      equations, finest.icp_factor(alignment.noise), equations.rgb_factor);
+      equations, finest.icp_factor(alignment.noise), finest.rgb_factor(alignment.noise));
   if (by_depth) {
     equations.icp = without_doubtful_normals(equations.icp, options_.normal_std);
   }
-  if (!by_colour) equations.rgb.setZero();
+  if (!by_colour) {
+    equations.rgb.setZero();
+    equations.pixels.setZero();
+  }
   const Matrix7d inverse =
       (equations.icp + equations.rgb + equations.prior).ldlt().solve(Matrix7d::Identity());
   // Variance of the gradient: noise, and the shift common to all pixels.
   const double shift = options_.misregistration / grid_.fx;
-  const Matrix7d variance = inverse *
-                            (effect.icp * equations.icp + effect.rgb * equations.rgb +
-                             shift * shift * equations.rgb * equations.rgb + equations.prior) *
-                            inverse;
+  const Matrix7d by_colour_variance =
+      equations.registered *
+      (effect.rgb * equations.pixels + shift * shift * equations.pixels * equations.pixels) *
+      equations.registered;
+  const Matrix7d variance =
+      inverse * (effect.icp * equations.icp + by_colour_variance + equations.prior) * inverse;
   const Vector6d unit = equations.unit.head<6>();
   const Matrix6d camera_from_model = alignment.frame_T_model.adjoint() * unit.asDiagonal();
   result.covariance =

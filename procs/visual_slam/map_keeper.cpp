@@ -6,11 +6,14 @@
 
 namespace gastronaut::slam {
 
+bool MapKeeper::is_free() const {
+  return !writing_.valid() ||
+         writing_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+}
+
 bool MapKeeper::save(KeptMap snapshot) {
-  if (writing_.valid()) {
-    if (writing_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
-    collect();
-  }
+  if (!is_free()) return false;
+  if (writing_.valid()) collect();
   writing_ =
       std::async(std::launch::async, [path = path_, kept = std::move(snapshot)]() -> std::string {
         try {
@@ -28,9 +31,7 @@ void MapKeeper::wait() {
 }
 
 const std::string& MapKeeper::problem() {
-  if (writing_.valid() && writing_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
-    collect();
-  }
+  if (writing_.valid() && is_free()) collect();
   return problem_;
 }
 

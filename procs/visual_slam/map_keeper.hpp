@@ -13,6 +13,8 @@ class MapKeeper {
   // `path`: where save_map writes to.
   explicit MapKeeper(std::string path) : path_(std::move(path)) {}
 
+  // Whether a snapshot would be taken now.
+  bool is_free() const;
   // Writes the snapshot on a thread of its own. While one is being written, false: it is not taken.
   bool save(KeptMap snapshot);
   // Waits for what is being written.

@@ -17,8 +17,9 @@ constexpr double kShortestInterval = 2e-3;  // seconds: closer frames tell no ve
 // One sigma of what two ways to the same place may differ by, as a fraction of the working distance
 // and in radians: a place that the camera finds itself at twice is the right one.
 constexpr double kSamePlace = 0.01;
-constexpr double kNearest = 0.01;         // working distances: no camera sees anything so near
-constexpr double kBend = 0.05;            // of a surface over five pixels, as a fraction of depth
+constexpr double kNearest = 0.01;   // working distances: no camera sees anything so near
+constexpr double kBend = 0.05;      // of a surface over five pixels, as a fraction of depth
+constexpr double kBeginStd = 1e-5;  // metres, radians: the first frame is where it is said to be
 constexpr double kSharpnessMemory = 0.1;  // weight of the newest picture
 
 double median_depth(const Plane<float>& depth) {
@@ -63,6 +64,12 @@ Motion motion(const SE3& a, const SE3& b, double distance) {
   const SE3 between = a.inverse() * b;
   return {distance > 0 ? between.translation.norm() / distance : 0,
           angle_between(between.rotation, Eigen::Quaterniond::Identity())};
+}
+
+// The covariance of a twist at `from` as one of the twist at `to` that moves rigidly with it.
+Matrix6d transported(const Matrix6d& covariance, const SE3& from, const SE3& to) {
+  const Matrix6d adjoint = (to.inverse() * from).adjoint();
+  return adjoint * covariance * adjoint.transpose();
 }
 
 // Whether the camera may have moved in any direction, and the map would still fit.
@@ -117,7 +124,7 @@ SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health,
   if (map_T_camera_) {
     const SE3 start = map_T_camera_start.value_or(predicted_pose(frame.utime));
     pose_.map_T_camera = *map_T_camera_;
-    result = was_lost ? track_from(frame, start, MapPart::kAll) : track_near(frame, start);
+    result = was_lost ? track_from(frame, start) : track_near(frame, start);
     const Motion moved = motion(start, result->map_T_camera, distance_);
     if (moved.shift > options_.largest_shift || moved.turn > options_.largest_turn) {
       result->status = TrackingStatus::kLost;
@@ -170,9 +177,9 @@ void VisualSlam::merge(const std::optional<SE3>& fused) {
   if (is_keyframe && !newest_) {
     relocaliser_->add(frame_, pose_.map_T_camera);
     has_begun_ = true;
-    if (is_certain) {
-      drift_ = pose_.covariance;
-      reference_ = pose_.map_T_camera;
+    if (is_certain || !is_held_) {
+      // The window takes its keyframes' motions for well tracked.
+      anchor(pose_.map_T_camera, pose_.covariance);
     } else {
       refine(frame_, pose_.map_T_camera);
     }
@@ -181,9 +188,7 @@ void VisualSlam::merge(const std::optional<SE3>& fused) {
   if (is_certain || is_first || (!newest_ && since_merge > options_.longest_gap)) {
     const auto scale = static_cast<float>(std::pow(pose_.depth_scale, 1 - options_.own_scale));
     for (float& depth : frame_.depth.values) depth *= scale;
-    // Found again in a part of the map that was inactive: that is what was seen now, not another.
-    const bool is_found = pose_.status == SlamStatus::kRelocalised;
-    merge_as_is(frame_, pose_.map_T_camera, is_found ? MapPart::kAll : MapPart::kActive);
+    merge_as_is(frame_, pose_.map_T_camera);
   }
 }
 
@@ -220,12 +225,13 @@ void VisualSlam::begin(const Frame& frame, const SE3& map_T_camera) {
   }
   distance_ = median_depth(frame.depth);
   map_T_camera_ = map_T_camera;
-  origin_ = map_T_camera.translation;
   utime_ = frame.utime;
   pose_.map_T_camera = map_T_camera;
   pose_.status = has_begun_ ? SlamStatus::kDegraded : SlamStatus::kOk;
   if (has_begun_) pose_.cause = "no surface was found in what was seen so far";
   pose_.inlier_fraction = 1;
+  pose_.covariance = kBeginStd * kBeginStd * Matrix6d::Identity();
+  anchor(map_T_camera, pose_.covariance);
 }
 
 SE3 VisualSlam::predicted_pose(std::int64_t utime) const {
@@ -240,19 +246,23 @@ TrackingResult VisualSlam::track_near(const Frame& frame, const SE3& start) {
   if (model_) {
     const TrackingResult result = tracker_->track(frame, *model_, start);
     if (result.status == TrackingStatus::kOk) return result;
+    const TrackingResult by_surfels = track_from(frame, start);
+    return by_surfels.status < result.status ? by_surfels : result;
   }
-  return track_from(frame, start, MapPart::kActive);
+  return track_from(frame, start);
 }
 
-TrackingResult VisualSlam::track_from(const Frame& frame, const SE3& start, MapPart part) {
-  map_.predict(start, frame.grid, frame.utime, part, view_);
+// The map is rigid: what was seen long ago is as good as what was seen just now, and seen again it
+// must not be built once more.
+TrackingResult VisualSlam::track_from(const Frame& frame, const SE3& start) {
+  map_.predict(start, frame.grid, frame.utime, MapPart::kAll, view_);
   return tracker_->track(frame, view_, start);
 }
 
 // Seen from where it says to be, the map must lead to the same place again.
 bool VisualSlam::confirmed(const Frame& frame, const TrackingResult& result) {
   if (result.status != TrackingStatus::kOk) return false;
-  const TrackingResult again = track_from(frame, result.map_T_camera, MapPart::kAll);
+  const TrackingResult again = track_from(frame, result.map_T_camera);
   if (again.status != TrackingStatus::kOk) return false;
   const double distance = median_depth(frame.depth);
   const Motion moved = motion(result.map_T_camera, again.map_T_camera, distance);
@@ -261,7 +271,7 @@ bool VisualSlam::confirmed(const Frame& frame, const TrackingResult& result) {
 
 std::optional<TrackingResult> VisualSlam::relocalise(const Frame& frame) {
   for (const SE3& candidate : relocaliser_->candidates(frame, options_.candidates)) {
-    TrackingResult result = track_from(frame, candidate, MapPart::kAll);
+    TrackingResult result = track_from(frame, candidate);
     if (confirmed(frame, result)) return result;
   }
   return std::nullopt;
@@ -270,6 +280,7 @@ std::optional<TrackingResult> VisualSlam::relocalise(const Frame& frame) {
 void VisualSlam::accept(const Frame& frame, const TrackingResult& result) {
   pose_.status = result.status == TrackingStatus::kOk ? SlamStatus::kOk : SlamStatus::kDegraded;
   pose_.cause = result.cause;
+  is_held_ = result.status == TrackingStatus::kOk;
   if (!is_sharp_) {
     pose_.status = SlamStatus::kDegraded;
     pose_.cause = pose_.cause.empty() ? "blur" : "blur, " + pose_.cause;
@@ -284,15 +295,7 @@ void VisualSlam::accept(const Frame& frame, const TrackingResult& result) {
   pose_.rgb_rms = result.rgb_rms;
   pose_.inlier_fraction = result.inlier_fraction;
   pose_.depth_scale = result.depth_scale;
-  const Matrix6d from_reference = (result.map_T_camera.inverse() * reference_).adjoint();
-  pose_.covariance = from_reference * drift_ * from_reference.transpose() + result.covariance;
-  if (frame.relative_std > options_.certain_depth) {
-    // The scale of all the map's depths is no better known than this.
-    Vector6d by_scale = Vector6d::Zero();
-    by_scale.head<3>() = result.map_T_camera.rotation.conjugate() *
-                         (result.map_T_camera.translation - origin_) * options_.window.scale_std;
-    pose_.covariance += by_scale * by_scale.transpose();
-  }
+  pose_.covariance = transported(drift_, reference_, result.map_T_camera) + result.covariance;
   const double elapsed = static_cast<double>(frame.utime - utime_) * kMicrosecond;
   if (is_lost_) {
     pose_.status = SlamStatus::kRelocalised;
@@ -303,9 +306,7 @@ void VisualSlam::accept(const Frame& frame, const TrackingResult& result) {
     refining_ = {};
     newest_.reset();
     model_.reset();
-    window_->clear();
-    drift_ = result.covariance;
-    reference_ = result.map_T_camera;
+    anchor(result.map_T_camera, pose_.covariance);
   } else {
     const Vector6d moved = (map_T_camera_->inverse() * result.map_T_camera).log();
     if (elapsed > kShortestInterval) velocity_ = moved / elapsed;
@@ -330,6 +331,15 @@ bool VisualSlam::is_far_from_keyframe() const {
   return moved.shift > options_.keyframe_shift || moved.turn > options_.keyframe_turn;
 }
 
+// A new thread of keyframes begins at a pose of that covariance.
+void VisualSlam::anchor(const SE3& map_T_camera, const Matrix6d& covariance) {
+  anchor_ = map_T_camera;
+  anchor_covariance_ = covariance;
+  reference_ = map_T_camera;
+  drift_ = covariance;
+  window_->clear();
+}
+
 void VisualSlam::refine(const Frame& frame, const SE3& map_T_camera) {
   window_->add(frame, map_T_camera);
   newest_ = Keyframe{frame, map_T_camera};
@@ -342,23 +352,29 @@ void VisualSlam::refine(const Frame& frame, const SE3& map_T_camera) {
 // with it.
 void VisualSlam::use_refinement() {
   if (!newest_ || ++frames_since_keyframe_ < options_.refinement_frames) return;
-  const std::vector<RefinedKeyframe> window = refining_.get();
-  const RefinedKeyframe& refined = window.back();
   Keyframe keyframe = std::move(*newest_);
   newest_.reset();
+  const std::vector<RefinedKeyframe> window = refining_.get();
+  const RefinedKeyframe& refined = window.back();
   map_T_camera_ = refined.map_T_camera * (keyframe.map_T_camera.inverse() * *map_T_camera_);
   reference_ = refined.map_T_camera;
-  drift_ = refined.covariance;
-  // The first one has no other to hold it yet.
-  refined_points_ = window.size() > 1 ? refined.points : options_.window.points;
+  drift_ = transported(anchor_covariance_, anchor_, reference_) + refined.covariance;
+  // The first one has no other to hold it yet, and was merged as it is.
+  const bool is_first = window.size() == 1;
+  refined_points_ = is_first ? options_.window.points : refined.points;
   keyframe.frame.depth = refined.depth;
   keyframe.frame.relative_std = refined.relative_std;
-  merge_as_is(keyframe.frame, refined.map_T_camera, MapPart::kActive);
+  if (!is_first) merge_as_is(keyframe.frame, refined.map_T_camera);
   model_ = model_of(keyframe.frame, refined.map_T_camera);
 }
 
-void VisualSlam::merge_as_is(const Frame& frame, const SE3& map_T_camera, MapPart part) {
-  map_.predict(map_T_camera, frame.grid, frame.utime, part, view_);
+void VisualSlam::settle() {
+  frames_since_keyframe_ = options_.refinement_frames;
+  use_refinement();
+}
+
+void VisualSlam::merge_as_is(const Frame& frame, const SE3& map_T_camera) {
+  map_.predict(map_T_camera, frame.grid, frame.utime, MapPart::kAll, view_);
   map_.fuse(frame, view_);
   merged_utime_ = std::max(merged_utime_, frame.utime);
 }

@@ -89,6 +89,9 @@ class VisualSlam {
   // Merges the frame tracked last into the map, at its own pose or at `fused`; nothing when lost.
   void merge(const std::optional<SE3>& fused = std::nullopt);
 
+  // The end: what is still being refined is merged as well.
+  void settle();
+
   const SurfelMap& map() const { return map_; }
   MapIncrement take_increment() { return map_.take_increment(); }
   // What is needed to go on with the map another time.
@@ -105,14 +108,15 @@ class VisualSlam {
   void begin(const Frame& frame, const SE3& map_T_camera);
   void use_refinement();
   TrackingResult track_near(const Frame& frame, const SE3& start);
-  TrackingResult track_from(const Frame& frame, const SE3& start, MapPart part);
+  TrackingResult track_from(const Frame& frame, const SE3& start);
   bool confirmed(const Frame& frame, const TrackingResult& result);
   std::optional<TrackingResult> relocalise(const Frame& frame);
   void accept(const Frame& frame, const TrackingResult& result);
   bool is_blurred(double sharpness);
   bool is_far_from_keyframe() const;
   void refine(const Frame& frame, const SE3& map_T_camera);
-  void merge_as_is(const Frame& frame, const SE3& map_T_camera, MapPart part);
+  void anchor(const SE3& map_T_camera, const Matrix6d& covariance);
+  void merge_as_is(const Frame& frame, const SE3& map_T_camera);
 
   VisualSlamOptions options_;
   SurfelMap map_;
@@ -125,18 +129,20 @@ class VisualSlam {
   Frame frame_;    // tracked last
   SlamPose pose_;  // of it
   bool is_sharp_ = true;
+  bool is_held_ = true;  // in all directions
 
   // Of the last frame that was tracked.
   std::optional<SE3> map_T_camera_;
   std::int64_t utime_ = 0;
   Vector6d velocity_ = Vector6d::Zero();  // twist a second, camera frame
   bool is_lost_ = false;
-  Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();  // where the map began
-  double distance_ = 0;                               // metres, median depth
-  double sharpness_ = 0;                              // lately
+  double distance_ = 0;                // metres, median depth
+  double sharpness_ = 0;               // lately
   Matrix6d drift_ = Matrix6d::Zero();  // covariance of reference_, camera frame there
 
   SE3 reference_;           // pose of the last keyframe
+  SE3 anchor_;  // where the present thread of keyframes began, and how well that is known
+  Matrix6d anchor_covariance_ = Matrix6d::Zero();
   bool has_begun_ = false;  // something was merged
   std::int64_t merged_utime_ = 0;
   std::unique_ptr<KeyframeWindow> window_;

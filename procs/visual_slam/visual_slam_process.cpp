@@ -89,7 +89,6 @@ slam::VisualSlamOptions options_of(const RigConfiguration& configuration) {
   slam::VisualSlamOptions options;
   options.tracker.rgb_weight = chosen.rgb_weight;
   options.map.working_distance = chosen.working_distance;
-  options.map.active_window = chosen.active_window;
   options.map.stable_confidence = chosen.stable_confidence;
   return options;
 }
@@ -186,7 +185,7 @@ void VisualSlamProcess::handle_frame(const image_t& albedo, const depth_image_t&
     map_due_ = frame.utime + std::llround(configuration_.visual_slam.map_interval * kMicroseconds);
   }
   if (!files_.map.empty() && frame.utime >= save_due_ && slam_.map().size() > 0) {
-    keeper_.save(slam_.kept());
+    if (keeper_.is_free()) keeper_.save(slam_.kept());
     save_due_ =
         frame.utime + std::llround(configuration_.visual_slam.save_interval * kMicroseconds);
   }
@@ -260,6 +259,7 @@ void VisualSlamProcess::finish() {
     publish_lost(albedo_->utime, "no depth", "ALBEDO came without its DEPTH");
     albedo_.reset();
   }
+  slam_.settle();
   // Twice: the rest of the portion under way, and what has changed since it was taken.
   constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
   if (published_ < increment_.changed.size()) publish_map(last_utime_ + 1, kAll - published_);

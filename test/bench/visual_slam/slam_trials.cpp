@@ -101,7 +101,6 @@ VisualSlamOptions slam_options(const VisualSlamConfiguration& configuration) {
   VisualSlamOptions options;
   options.tracker.rgb_weight = configuration.rgb_weight;
   options.map.working_distance = configuration.working_distance;
-  options.map.active_window = configuration.active_window;
   options.map.stable_confidence = configuration.stable_confidence;
   return options;
 }

@@ -73,8 +73,36 @@ TEST_F(SurfelFile, GivesBackWhatWasSaved) {
   }
 }
 
+std::vector<SE3> some_viewpoints() {
+  return {{}, {so3_exp({0.1, -0.2, 0.3}), {0.01, -0.02, 1.0 / 3}}};
+}
+
+TEST_F(SurfelFile, ViewpointsComeBackToTheBit) {
+  for (const SurfelArrays& surfels : {some_surfels(), SurfelArrays{}}) {
+    save_map(path("map"), {surfels, some_viewpoints()});
+    const KeptMap map = load_map(path("map"));
+    EXPECT_EQ(map.surfels, surfels);
+    ASSERT_EQ(map.viewpoints.size(), some_viewpoints().size());
+    for (std::size_t k = 0; k < map.viewpoints.size(); ++k) {
+      EXPECT_EQ(map.viewpoints[k].translation, some_viewpoints()[k].translation);
+      EXPECT_EQ(map.viewpoints[k].rotation.coeffs(), some_viewpoints()[k].rotation.coeffs());
+    }
+  }
+}
+
+TEST_F(SurfelFile, ViewpointsThatAreNoPosesAreRefused) {
+  SE3 stretched;
+  stretched.rotation.w() = 2;
+  SE3 nowhere;
+  nowhere.translation.y() = std::numeric_limits<double>::quiet_NaN();
+  for (const SE3& wrong : {stretched, nowhere}) {
+    save_map(path("map"), {some_surfels(), {SE3{}, wrong}});
+    EXPECT_THROW(load_map(path("map")), std::runtime_error);
+  }
+}
+
 TEST_F(SurfelFile, CutOffAnywhereIsRefused) {
-  save_map(path("map"), {some_surfels(), {}});
+  save_map(path("map"), {some_surfels(), some_viewpoints()});
   const std::string bytes = read(path("map"));
   for (std::size_t length = 0; length < bytes.size(); ++length) {
     write(path("cut"), bytes.substr(0, length));
@@ -85,7 +113,7 @@ TEST_F(SurfelFile, CutOffAnywhereIsRefused) {
 }
 
 TEST_F(SurfelFile, AnyChangedByteIsRefused) {
-  save_map(path("map"), {some_surfels(), {}});
+  save_map(path("map"), {some_surfels(), some_viewpoints()});
   const std::string bytes = read(path("map"));
   for (std::size_t k = 0; k < bytes.size(); ++k) {
     std::string changed = bytes;
