@@ -329,7 +329,7 @@ TriangleMesh triangulate(const SurfelArrays& surfels, const MeshOptions& options
   if (ids.empty()) return {};
   const double median = median_radius(surfels, ids);
   const double voxel = options.voxel == 0 ? kMedianRadiiPerVoxel * median : options.voxel;
-  if (!(voxel >= kFinestVoxel * median)) {
+  if (!(voxel >= kFinestVoxel * median) || !std::isfinite(voxel)) {
     throw std::invalid_argument("surfel mesh: a voxel of " + std::to_string(voxel) +
                                 " m is too small for surfels with a median radius of " +
                                 std::to_string(median) + " m; give half of that at least");

@@ -140,8 +140,8 @@ class VisualSlam {
   double sharpness_ = 0;               // lately
   Matrix6d drift_ = Matrix6d::Zero();  // covariance of reference_, camera frame there
 
-  SE3 reference_;           // pose of the last keyframe
-  SE3 anchor_;  // where the present thread of keyframes began, and how well that is known
+  SE3 reference_;  // pose of the last keyframe
+  SE3 anchor_;     // where the present thread of keyframes began, and how well that is known
   Matrix6d anchor_covariance_ = Matrix6d::Zero();
   bool has_begun_ = false;  // something was merged
   std::int64_t merged_utime_ = 0;
