@@ -288,12 +288,57 @@ struct VisualSlamConfiguration {
   }
 };
 
+enum class ObservationModel {
+  kPaper,  // position from the magnet, rotation from vision
+  kFull,   // also the magnet's axis, and vision's translation with its unknown scale
+};
+
+struct SensorFusionConfiguration {
+  ObservationModel model = ObservationModel::kFull;
+  int particles = 1000;
+  std::uint64_t seed = 1;
+  // sigma_alpha of Caron et al. 2007: for how many measurements a confidence is remembered.
+  double alpha_memory = 50;
+  // A sensor whose switch is nominal with less than this probability has failed.
+  double failure_threshold = 0.5;
+  // How the capsule moves: white noise of acceleration, one sigma over a second.
+  double acceleration_std = 0.02;         // m/s^2 sqrt(s)
+  double angular_acceleration_std = 0.8;  // rad/s^2 sqrt(s)
+  // What `calibrate hand-eye` leaves unknown of camera_T_magnet, one sigma an axis.
+  double hand_eye_position_std = 3e-4;  // metres
+  double hand_eye_axis_std = 5e-3;      // radians
+  // A Hall reading stamped t was taken at t + magnetic_time_offset of the camera's clock.
+  double magnetic_time_offset = 0;  // seconds
+  double magnetic_time_offset_std = 2e-3;
+  double depth_scale_std = 0.05;  // of what visual depth is off by at the start, relative
+
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("model", model,
+      std::vector<Choice<ObservationModel>>{{"paper", ObservationModel::kPaper},
+                                            {"full", ObservationModel::kFull}});
+    v("particles", particles, between(10, 100000));
+    v("seed", seed);
+    v("alpha_memory", alpha_memory, between(1, 1e6));
+    v("failure_threshold", failure_threshold, between(0.01, 0.99));
+    v("acceleration_std", acceleration_std, positive());
+    v("angular_acceleration_std", angular_acceleration_std, positive());
+    v("hand_eye_position_std", hand_eye_position_std, not_negative(Dimension::kLength));
+    v("hand_eye_axis_std", hand_eye_axis_std, not_negative(Dimension::kAngle));
+    v("magnetic_time_offset", magnetic_time_offset, between(-1, 1, Dimension::kTime));
+    v("magnetic_time_offset_std", magnetic_time_offset_std, not_negative(Dimension::kTime));
+    v("depth_scale_std", depth_scale_std, between(1e-4, 1));
+  }
+};
+
 // How long an input may lag behind in event time before it counts as silent (architecture.md).
 struct LagConfiguration {
   double camera = 0.5;  // seconds
   double hall_array = 0.5;
   double coil_currents = 0.5;
-  double derived = 1.0;  // outputs of other processes
+  double derived = 1.0;   // outputs of other processes
+  double fusion = 0.4;    // the poses that sensor_fusion joins: a silent sensor is noticed after it
+  double feedback = 0.2;  // CAPSULE_STATE, which visual_slam waits for
 
   template <class Visitor>
   void fields(Visitor& v) {
@@ -301,6 +346,8 @@ struct LagConfiguration {
     v("hall_array", hall_array, positive(Dimension::kTime));
     v("coil_currents", coil_currents, positive(Dimension::kTime));
     v("derived", derived, positive(Dimension::kTime));
+    v("fusion", fusion, positive(Dimension::kTime));
+    v("feedback", feedback, positive(Dimension::kTime));
   }
 };
 
@@ -316,6 +363,7 @@ struct RigConfiguration {
   MagneticLocalizerConfiguration magnetic_localizer;
   DepthEstimatorConfiguration depth_estimator;
   VisualSlamConfiguration visual_slam;
+  SensorFusionConfiguration sensor_fusion;
 
   // Throws std::invalid_argument where sections contradict each other.
   void check() const;
@@ -332,6 +380,7 @@ struct RigConfiguration {
     v.section("magnetic_localizer", magnetic_localizer);
     v.section("depth_estimator", depth_estimator);
     v.section("visual_slam", visual_slam);
+    v.section("sensor_fusion", sensor_fusion);
   }
 };
 
