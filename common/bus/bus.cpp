@@ -6,15 +6,31 @@
 #include <memory>
 
 namespace gastronaut {
+namespace {
+constexpr double kMicroseconds = 1e6;  // a second
+}  // namespace
 
 std::size_t Bus::add_input(const std::string& channel, double lag, Overload overload) {
-  constexpr double kMicroseconds = 1e6;
   order_.add_input(channel, static_cast<std::int64_t>(lag * kMicroseconds));
   Input input;
   input.channel = channel;
   input.overload = overload;
   inputs_.push_back(std::move(input));
   return inputs_.size() - 1;
+}
+
+std::size_t Bus::add_feedback(const std::string& channel, double lag) {
+  order_.add_feedback(channel, static_cast<std::int64_t>(lag * kMicroseconds));
+  Input input;
+  input.channel = channel;
+  inputs_.push_back(std::move(input));
+  return inputs_.size() - 1;
+}
+
+bool Bus::await(const std::string& channel, std::int64_t utime) {
+  const auto input = std::find_if(inputs_.begin(), inputs_.end(),
+                                  [&](const Input& other) { return other.channel == channel; });
+  return order_.await(static_cast<int>(input - inputs_.begin()), utime);
 }
 
 void Bus::set_health(ProcessState state, std::string message) {

@@ -47,18 +47,20 @@ class Bus {
   void subscribe(const std::string& channel, double lag,
                  std::function<void(const Message&)> handler,
                  Overload overload = Overload::kKeepAll) {
-    const std::size_t number = add_input(channel, lag, overload);
-    decoders_[channel] = [this, number, handler = std::move(handler)](Bytes payload) {
-      auto message = std::make_shared<Message>();
-      if (!accept(decode_message(payload, *message), number)) return;
-      if constexpr (requires { message->seq; }) count_gap(number, message->seq);
-      if constexpr (requires { message->metadata; }) {
-        if (const auto seq = told_seq(*message)) count_gap(number, *seq);
-      }
-      push(number, message->utime, [message, handler] { handler(*message); });
-    };
-    listen(channel);
+    subscribe_as(add_input(channel, lag, overload), channel, std::move(handler));
   }
+
+  // A channel that answers what this process publishes: `handler` gets the messages that are
+  // awaited, and no other. `lag` as above: a channel farther behind the newest event of the others
+  // is not waited for.
+  template <class Message>
+  void subscribe_feedback(const std::string& channel, double lag,
+                          std::function<void(const Message&)> handler) {
+    subscribe_as(add_feedback(channel, lag), channel, std::move(handler));
+  }
+  // The answer of that utime is the next event, and nothing else is handled until it has come or
+  // will not come (EventOrder). False when there is nothing to wait for: the answer will not come.
+  bool await(const std::string& channel, std::int64_t utime);
 
   // The message's utime is that of the measurement that it is about.
   template <class Message>
@@ -69,6 +71,9 @@ class Bus {
 
   // utime of the event being handled, microseconds.
   std::int64_t event_utime() const { return event_utime_; }
+
+  // Whether another input has an event of the same utime, to be handled next.
+  bool more_at_this_time() const { return order_.next_utime() == event_utime_; }
 
   // What PROCESS_STATUS says of this process until it says otherwise; `message` tells what is wrong
   // and what to do about it.
@@ -99,6 +104,21 @@ class Bus {
   void skip_to_newest();
 
  private:
+  template <class Message>
+  void subscribe_as(std::size_t number, const std::string& channel,
+                    std::function<void(const Message&)> handler) {
+    decoders_[channel] = [this, number, handler = std::move(handler)](Bytes payload) {
+      auto message = std::make_shared<Message>();
+      if (!accept(decode_message(payload, *message), number)) return;
+      if constexpr (requires { message->seq; }) count_gap(number, message->seq);
+      if constexpr (requires { message->metadata; }) {
+        if (const auto seq = told_seq(*message)) count_gap(number, *seq);
+      }
+      push(number, message->utime, [message, handler] { handler(*message); });
+    };
+    listen(channel);
+  }
+
   // Pictures carry their number as text in their metadata.
   template <class Picture>
   static std::optional<std::int64_t> told_seq(const Picture& picture) {
@@ -117,6 +137,7 @@ class Bus {
     std::int64_t bad = 0;
   };
   std::size_t add_input(const std::string& channel, double lag, Overload overload);
+  std::size_t add_feedback(const std::string& channel, double lag);
   bool accept(DecodeResult result, std::size_t number);
   void count_gap(std::size_t number, std::int64_t seq);
   void push(std::size_t number, std::int64_t utime, EventOrder::Action action);

@@ -303,7 +303,7 @@ struct SensorFusionConfiguration {
   double failure_threshold = 0.5;
   // How the capsule moves: white noise of acceleration, one sigma over a second.
   double acceleration_std = 0.02;         // m/s^2 sqrt(s)
-  double angular_acceleration_std = 0.8;  // rad/s^2 sqrt(s)
+  double angular_acceleration_std = 0.3;  // rad/s^2 sqrt(s)
   // What `calibrate hand-eye` leaves unknown of camera_T_magnet, one sigma an axis.
   double hand_eye_position_std = 3e-4;  // metres
   double hand_eye_axis_std = 5e-3;      // radians

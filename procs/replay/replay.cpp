@@ -15,6 +15,7 @@
 #include "process/command_line.hpp"
 #include "process/log_run.hpp"
 #include "process/progress.hpp"
+#include "sensor_fusion/sensor_fusion_process.hpp"
 #include "visual_slam/visual_slam_process.hpp"
 
 namespace gastronaut {
@@ -61,7 +62,8 @@ void print_summary(const LogRunOptions& options, const LogRunResult& result) {
 }  // namespace
 
 std::vector<ProcessDescription> all_processes() {
-  return {magnetic_localizer_process(), depth_estimator_process(), visual_slam_process()};
+  return {magnetic_localizer_process(), depth_estimator_process(), visual_slam_process(),
+          sensor_fusion_process()};
 }
 
 std::vector<ProcessDescription> select_processes(const std::string& only) {

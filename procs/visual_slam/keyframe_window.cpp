@@ -135,6 +135,26 @@ void KeyframeWindow::add(const Frame& frame, const SE3& map_T_camera) {
   keyframes_.push_back(std::move(keyframe));
 }
 
+void KeyframeWindow::transform(const Similarity& similarity) {
+  const auto scale = static_cast<float>(similarity.scale);
+  for (Keyframe& keyframe : keyframes_) {
+    keyframe.map_T_camera = similarity * keyframe.map_T_camera;
+    keyframe.before_T_camera.translation *= similarity.scale;
+    keyframe.distance *= similarity.scale;
+    for (float& depth : keyframe.depth.values) depth *= scale;
+    for (Texel& texel : keyframe.texture.texels) texel.depth *= scale;
+    for (WindowPoint& point : keyframe.points) {
+      for (float& depth : point.depth) depth *= scale;
+    }
+  }
+  for (SE3& pose : prior_poses_) pose = similarity * pose;
+  const Eigen::VectorXd shrink =
+      similarity.twist_factors().cwiseInverse().replicate(prior_gradient_.size() / kUnknowns, 1);
+  prior_gradient_ = shrink.cwiseProduct(prior_gradient_).eval();
+  prior_matrix_ = (shrink.asDiagonal() * prior_matrix_ * shrink.asDiagonal()).eval();
+  anchor_ = similarity * anchor_;
+}
+
 KeyframeWindow::Equations KeyframeWindow::equations(std::size_t first_host,
                                                     std::size_t end_host) const {
   const Eigen::Index size = block(keyframes_.size());

@@ -22,6 +22,7 @@
 #include "geometry/se3.hpp"
 #include "image/plane.hpp"
 #include "visual_slam/frame.hpp"
+#include "visual_slam/similarity.hpp"
 #include "visual_slam/window_field.hpp"
 #include "visual_slam/window_kernels.hpp"
 
@@ -73,6 +74,8 @@ class KeyframeWindow {
   void add(const Frame& frame, const SE3& map_T_camera);
   // All keyframes of the window, oldest first.
   std::vector<RefinedKeyframe> refine();
+  // Poses and depths go to another frame and other metres.
+  void transform(const Similarity& similarity);
   // Forgets all, for a new start elsewhere.
   void clear();
 

@@ -295,6 +295,20 @@ bool Relocaliser::correct(const Tiny& tiny, const Match& match, SE3& map_T_camer
   return true;
 }
 
+void Relocaliser::add(const Relocaliser& other) {
+  for (const Keyframe& keyframe : other.keyframes_) {
+    if (size() < options_.most) keyframes_.push_back(keyframe);
+  }
+}
+
+void Relocaliser::transform(const Similarity& similarity) {
+  for (Keyframe& keyframe : keyframes_) {
+    keyframe.map_T_camera = similarity * keyframe.map_T_camera;
+    keyframe.distance *= similarity.scale;
+    for (float& depth : keyframe.depth) depth *= static_cast<float>(similarity.scale);
+  }
+}
+
 std::vector<SE3> Relocaliser::viewpoints() const {
   std::vector<SE3> poses;
   for (const Keyframe& keyframe : keyframes_) poses.push_back(keyframe.map_T_camera);

@@ -14,6 +14,7 @@
 
 #include "geometry/se3.hpp"
 #include "visual_slam/frame.hpp"
+#include "visual_slam/similarity.hpp"
 
 namespace gastronaut::slam {
 
@@ -36,6 +37,11 @@ class Relocaliser {
 
   // Poses (map_T_camera) from which the map is worth a try, best first, at most `most`.
   std::vector<SE3> candidates(const Frame& frame, int most) const;
+
+  // All that another one of the same grid and options remembers, as far as there is room.
+  void add(const Relocaliser& other);
+  // What is stored goes to another frame and other metres.
+  void transform(const Similarity& similarity);
 
   std::vector<SE3> viewpoints() const;
   int size() const { return static_cast<int>(keyframes_.size()); }

@@ -40,6 +40,16 @@ struct SurfelArrays {
     }
     for (auto* array : {&self.initialised, &self.updated}) visit(*array);
   }
+  static void copy(const SurfelArrays& from, std::size_t k, SurfelArrays& to, std::size_t at) {
+    for (const auto array :
+         {&SurfelArrays::x, &SurfelArrays::y, &SurfelArrays::z, &SurfelArrays::nx,
+          &SurfelArrays::ny, &SurfelArrays::nz, &SurfelArrays::albedo, &SurfelArrays::confidence,
+          &SurfelArrays::radius}) {
+      (to.*array)[at] = (from.*array)[k];
+    }
+    to.initialised[at] = from.initialised[k];
+    to.updated[at] = from.updated[k];
+  }
   void resize(std::size_t size) {
     for_each_array(*this, [size](auto& array) { array.resize(size); });
   }

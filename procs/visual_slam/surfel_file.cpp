@@ -21,7 +21,7 @@ namespace {
 static_assert(std::endian::native == std::endian::little);
 
 constexpr std::array<char, 8> kMagic = {'G', 'N', 'S', 'U', 'R', 'F', 'E', 'L'};
-constexpr std::uint32_t kVersion = 2;
+constexpr std::uint32_t kVersion = 3;
 
 struct Header {
   std::array<char, 8> magic = kMagic;
@@ -47,21 +47,23 @@ std::uint64_t checksum_of(const std::vector<Value>& array, std::uint64_t sum) {
   return sum;
 }
 
-std::uint64_t checksum_of(const SurfelArrays& surfels, const std::vector<double>& viewpoints) {
+std::uint64_t checksum_of(const SurfelArrays& surfels, const std::vector<double>& numbers) {
   std::uint64_t sum = kChecksumStart;
   SurfelArrays::for_each_array(surfels, [&](const auto& array) { sum = checksum_of(array, sum); });
-  return checksum_of(viewpoints, sum);
+  return checksum_of(numbers, sum);
 }
 
 constexpr std::size_t kPose = 7;  // numbers
 
-std::vector<double> flat(const std::vector<SE3>& poses) {
+// All but the surfels.
+std::vector<double> flat(const KeptMap& map) {
   std::vector<double> numbers;
-  for (const SE3& pose : poses) {
+  for (const SE3& pose : map.viewpoints) {
     const Eigen::Vector3d& t = pose.translation;
     const Eigen::Quaterniond& q = pose.rotation;
     numbers.insert(numbers.end(), {t.x(), t.y(), t.z(), q.w(), q.x(), q.y(), q.z()});
   }
+  numbers.push_back(map.depth_scale);
   return numbers;
 }
 
@@ -105,19 +107,19 @@ bool is_sound(const SurfelArrays& s, std::size_t k) {
 
 void save_map(const std::string& path, const KeptMap& map) {
   const SurfelArrays& surfels = map.surfels;
-  const std::vector<double> viewpoints = flat(map.viewpoints);
+  const std::vector<double> numbers = flat(map);
   Header header;
   header.viewpoints = static_cast<std::uint32_t>(map.viewpoints.size());
   header.count = surfels.size();
-  header.checksum = checksum_of(surfels, viewpoints);
+  header.checksum = checksum_of(surfels, numbers);
   write_whole(path, [&](std::ofstream& file) {
     file.write(reinterpret_cast<const char*>(&header), sizeof header);
     SurfelArrays::for_each_array(surfels, [&](const auto& array) {
       file.write(reinterpret_cast<const char*>(array.data()),
                  static_cast<std::streamsize>(array.size() * sizeof array[0]));
     });
-    file.write(reinterpret_cast<const char*>(viewpoints.data()),
-               static_cast<std::streamsize>(viewpoints.size() * sizeof(double)));
+    file.write(reinterpret_cast<const char*>(numbers.data()),
+               static_cast<std::streamsize>(numbers.size() * sizeof(double)));
   });
 }
 
@@ -138,7 +140,7 @@ KeptMap load_map(const std::string& path) {
   // Ids are int32, so the product below cannot overflow.
   if (header.count > static_cast<std::uint64_t>(std::numeric_limits<std::int32_t>::max()) ||
       size != sizeof header + header.count * bytes_per_entry() +
-                  header.viewpoints * kPose * sizeof(double)) {
+                  (header.viewpoints * kPose + 1) * sizeof(double)) {
     refuse(path, "is cut off or damaged: it is " + std::to_string(size) + " bytes long, and of " +
                      std::to_string(header.count) + " surfels by its own account");
   }
@@ -149,18 +151,22 @@ KeptMap load_map(const std::string& path) {
     file.read(reinterpret_cast<char*>(array.data()),
               static_cast<std::streamsize>(array.size() * sizeof array[0]));
   });
-  std::vector<double> viewpoints(header.viewpoints * kPose);
-  file.read(reinterpret_cast<char*>(viewpoints.data()),
-            static_cast<std::streamsize>(viewpoints.size() * sizeof(double)));
-  if (!file || checksum_of(surfels, viewpoints) != header.checksum) {
+  std::vector<double> numbers(header.viewpoints * kPose + 1);
+  file.read(reinterpret_cast<char*>(numbers.data()),
+            static_cast<std::streamsize>(numbers.size() * sizeof(double)));
+  if (!file || checksum_of(surfels, numbers) != header.checksum) {
     refuse(path, "is damaged: its checksum is wrong");
   }
   for (std::size_t k = 0; k < surfels.size(); ++k) {
     if (!is_sound(surfels, k)) refuse(path, "is damaged: surfel " + std::to_string(k) + " is none");
   }
-  for (std::size_t k = 0; k < viewpoints.size(); k += kPose) {
-    map.viewpoints.push_back(pose_of(viewpoints.data() + k));
+  for (std::size_t k = 0; k + 1 < numbers.size(); k += kPose) {
+    map.viewpoints.push_back(pose_of(numbers.data() + k));
     if (!is_sound(map.viewpoints.back())) refuse(path, "is damaged: a viewpoint is no pose");
+  }
+  map.depth_scale = numbers.back();
+  if (!std::isfinite(map.depth_scale) || map.depth_scale < 0) {
+    refuse(path, "is damaged: its depth_scale is none");
   }
   return map;
 }

@@ -15,12 +15,14 @@ namespace gastronaut::slam {
 struct KeptMap {
   SurfelArrays surfels;
   std::vector<SE3> viewpoints;  // map_T_camera of keyframes: from where it is recognised
+  // What depth was multiplied by for it to be metric; 0: the map is not in the rig's frame yet.
+  double depth_scale = 0;
 };
 
 // Little endian: magic "GNSURFEL", uint32 version, uint32 number of viewpoints, uint64 number of
 // entries, uint64 checksum (FNV-1a over the payload's 32-bit words), then SurfelArrays' arrays one
-// after the other, then the viewpoints as double x y z qw qx qy qz. Ids are kept. Loading gives
-// back the same bytes.
+// after the other, then the viewpoints as double x y z qw qx qy qz, then double depth_scale. Ids
+// are kept. Loading gives back the same bytes.
 void save_map(const std::string& path, const KeptMap& map);
 
 // Throws std::runtime_error, saying what is wrong and what to do, for what save_map did not write

@@ -309,11 +309,10 @@ void SurfelMap::update(std::int32_t id, const Measurement& measured, std::int64_
   s.updated[k] = std::max(s.updated[k], utime);
 }
 
-bool SurfelMap::create(const Measurement& measured, std::int64_t utime) {
-  if (!blocks_.reaches(measured.position)) return false;
+std::optional<std::size_t> SurfelMap::new_id() {
   std::size_t k = surfels_.size();
   if (free_ids_.empty()) {
-    if (k == static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max())) return false;
+    if (k == static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max())) return {};
     surfels_.resize(k + 1);
     is_changed_.resize(k + 1);
     claim_of_.resize(k + 1, -1);
@@ -321,6 +320,29 @@ bool SurfelMap::create(const Measurement& measured, std::int64_t utime) {
     k = static_cast<std::size_t>(free_ids_.back());
     free_ids_.pop_back();
   }
+  return k;
+}
+
+void SurfelMap::add(const SurfelArrays& others) {
+  for (std::size_t from = 0; from < others.size(); ++from) {
+    if (!others.holds(from)) continue;
+    const Eigen::Vector3f position(others.x[from], others.y[from], others.z[from]);
+    const std::optional<std::size_t> to = blocks_.reaches(position) ? new_id() : std::nullopt;
+    if (!to) continue;
+    SurfelArrays::copy(others, from, surfels_, *to);
+    const auto id = static_cast<std::int32_t>(*to);
+    blocks_.place(id, position, others.radius[from], others.updated[from]);
+    ++size_;
+    mark_changed(id);
+    if (!is_stable(id)) due_[others.updated[from] + unseen_limit_].push_back(id);
+  }
+}
+
+bool SurfelMap::create(const Measurement& measured, std::int64_t utime) {
+  if (!blocks_.reaches(measured.position)) return false;
+  const std::optional<std::size_t> free = new_id();
+  if (!free) return false;
+  const std::size_t k = *free;
   SurfelArrays& s = surfels_;
   s.x[k] = measured.position.x();
   s.y[k] = measured.position.y();
@@ -389,6 +411,59 @@ void SurfelMap::mark_changed(std::int32_t id) {
   std::uint8_t& is_changed = is_changed_[static_cast<std::size_t>(id)];
   if (is_changed == 0) changed_.push_back(id);
   is_changed = 1;
+}
+
+void SurfelMap::transform(const Similarity& similarity) {
+  SurfelBlocks blocks(options_.block_size * options_.working_distance);
+  SurfelArrays& s = surfels_;
+  for (std::size_t k = 0; k < s.size(); ++k) {
+    if (!s.holds(k)) continue;
+    const auto id = static_cast<std::int32_t>(k);
+    const Eigen::Vector3f position =
+        (similarity * Eigen::Vector3f(s.x[k], s.y[k], s.z[k]).cast<double>()).cast<float>();
+    if (!blocks.reaches(position)) {
+      remove(id);
+      continue;
+    }
+    const Eigen::Vector3f normal =
+        similarity.rotation.cast<float>() * Eigen::Vector3f(s.nx[k], s.ny[k], s.nz[k]);
+    s.x[k] = position.x();
+    s.y[k] = position.y();
+    s.z[k] = position.z();
+    s.nx[k] = normal.x();
+    s.ny[k] = normal.y();
+    s.nz[k] = normal.z();
+    s.radius[k] *= static_cast<float>(similarity.scale);
+    blocks.place(id, position, s.radius[k], s.updated[k]);
+    mark_changed(id);
+  }
+  blocks_ = std::move(blocks);
+}
+
+void SurfelMap::give_way(const Frame& frame, const SE3& map_T_camera) {
+  constexpr int kLayers = 10;        // one behind the other
+  constexpr float kSameWall = 0.3F;  // of depth: as far as a wall may have come nearer
+  const auto stable = static_cast<float>(options_.stable_confidence);
+  ModelView view;
+  bool any = true;
+  for (int layer = 0; layer < kLayers && any; ++layer) {
+    any = false;
+    predict(map_T_camera, frame.grid, frame.utime, MapPart::kAll, view);
+    for (std::size_t pixel = 0; pixel < frame.depth.size(); ++pixel) {
+      const float depth = frame.depth.values[pixel];
+      const std::int32_t id = view.surfel.values[pixel];
+      if (!(depth > 0) || id < 0 || !surfels_.holds(static_cast<std::size_t>(id))) continue;
+      const float behind = view.depth.values[pixel] / depth - 1;
+      if (behind < -depth_gate(frame) || (behind > depth_gate(frame) && behind < kSameWall)) {
+        remove(id);
+        any = true;
+      } else if (float& confidence = surfels_.confidence[static_cast<std::size_t>(id)];
+                 confidence > stable) {
+        confidence = stable;
+        mark_changed(id);
+      }
+    }
+  }
 }
 
 MapIncrement SurfelMap::take_increment() {

@@ -4,9 +4,11 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <vector>
 
 #include "visual_slam/frame.hpp"
+#include "visual_slam/similarity.hpp"
 #include "visual_slam/surfel_arrays.hpp"
 #include "visual_slam/surfel_blocks.hpp"
 #include "visual_slam/surfel_normals.hpp"
@@ -74,6 +76,17 @@ class SurfelMap {
   // is in free space.
   FuseReport fuse(const Frame& frame, const ModelView& prediction);
 
+  // Another frame, and other metres: all surfels go there, and count as changed.
+  void transform(const Similarity& similarity);
+
+  // Surfels of another map in the same frame; they get ids of this one.
+  void add(const SurfelArrays& others);
+
+  // The frame is right and what the map shows at that pose may not be: surfels in front of what the
+  // frame measures go, and those not far behind it, which are the same wall before it moved; the
+  // others in view keep no more confidence than stable ones need.
+  void give_way(const Frame& frame, const SE3& map_T_camera);
+
   // What to publish as MAP_SURFELS; the next increment starts here.
   MapIncrement take_increment();
 
@@ -97,6 +110,8 @@ class SurfelMap {
   bool neighbours_see_through(const Frame& frame, int u, int v, float predicted) const;
   Measurement measure(const Frame& frame, const SE3& map_T_camera, std::size_t pixel) const;
   void update(std::int32_t id, const Measurement& measured, std::int64_t utime);
+  // The arrays have room for it; nothing when there are no more.
+  std::optional<std::size_t> new_id();
   bool create(const Measurement& measured, std::int64_t utime);
   bool see_through(std::int32_t id);
   int remove_unseen(std::int64_t now);

@@ -80,10 +80,27 @@ bool holds_nothing(const TrackingResult& result, double distance, double hold) {
   return std::sqrt(solver.eigenvalues()(0)) > hold * distance;
 }
 
+// One sigma in the worst direction.
+double worst_std(const Eigen::Matrix3d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance, Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(solver.eigenvalues()(2), 0.0));
+}
+
+bool is_trusted(const FusedState& fused, double position_std, double rotation_std) {
+  return fused.is_known && worst_std(fused.covariance.topLeftCorner<3, 3>()) <= position_std &&
+         worst_std(fused.covariance.bottomRightCorner<3, 3>()) <= rotation_std;
+}
+
+void scale_depth(Plane<float>& depth, double scale) {
+  for (float& value : depth.values) value *= static_cast<float>(scale);
+}
+
 VisualSlamOptions checked(const VisualSlamOptions& options) {
   if (!(options.keyframe_shift > 0) || !(options.keyframe_turn > 0) ||
-      options.refinement_frames < 1 || options.candidates < 0) {
-    throw std::invalid_argument("visual_slam: keyframes need a shift, a turn and a frame of time");
+      options.refinement_frames < 1 || options.candidates < 0 || options.restart_frames < 1 ||
+      options.new_map_frames < 1) {
+    throw std::invalid_argument(
+        "visual_slam: keyframes need a shift, a turn and a frame of time, a restart a frame");
   }
   return options;
 }
@@ -91,17 +108,19 @@ VisualSlamOptions checked(const VisualSlamOptions& options) {
 }  // namespace
 
 VisualSlam::VisualSlam(const VisualSlamOptions& options)
-    : options_(checked(options)), map_(options.map) {}
+    : options_(checked(options)), map_(options.map), rebase_below_(options.rebase_rotation_std) {}
 
 VisualSlam::VisualSlam(const VisualSlamOptions& options, KeptMap kept)
     : options_(checked(options)),
       map_(options.map, std::move(kept.surfels)),
       kept_viewpoints_(std::move(kept.viewpoints)) {
   is_lost_ = map_.size() > 0;
+  is_in_rig_frame_ = is_lost_ && kept.depth_scale > 0;
+  if (is_in_rig_frame_) depth_scale_ = kept.depth_scale;
+  rebase_below_ = is_in_rig_frame_ ? 0 : options_.rebase_rotation_std;
 }
 
-SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health,
-                           const std::optional<SE3>& map_T_camera_start) {
+SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health) {
   if (!health.failure.empty()) return lost(frame.utime, health);
   if (!tracker_ || (!has_begun_ && map_.size() == 0 && frame.grid != grid_)) prepare(frame.grid);
   if (frame.grid != grid_) {
@@ -112,36 +131,30 @@ SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health,
   }
   use_refinement();
   frame_ = frame;
+  if (depth_scale_ != 1) scale_depth(frame_.depth, depth_scale_);
   is_sharp_ = !is_blurred(health.sharpness);
   pose_ = {};
   pose_.utime = frame.utime;
+  pose_.map_version = map_version_;
   if (map_.size() == 0) {
-    begin(frame, map_T_camera_start.value_or(SE3{}));
+    begin(frame_);
     return pose_;
   }
-  const bool was_lost = is_lost_;
   std::optional<TrackingResult> result;
-  if (map_T_camera_) {
-    const SE3 start = map_T_camera_start.value_or(predicted_pose(frame.utime));
-    pose_.map_T_camera = *map_T_camera_;
-    result = was_lost ? track_from(frame, start) : track_near(frame, start);
-    const Motion moved = motion(start, result->map_T_camera, distance_);
-    if (moved.shift > options_.largest_shift || moved.turn > options_.largest_turn) {
-      result->status = TrackingStatus::kLost;
-      result->cause = fmt::format("jumped by {:.1f} mm and {:.0f} degrees",
-                                  1e3 * moved.shift * distance_, moved.turn * 180 / M_PI);
-    }
-    if (holds_nothing(*result, distance_, options_.tracker.hold)) {
-      result->status = TrackingStatus::kLost;
-      result->cause = "nothing in the picture tells where the camera is";
-    }
-    // Where nothing tells that the camera is still near, a doubtful fit is none.
-    if (was_lost && !confirmed(frame, *result)) result->status = TrackingStatus::kLost;
+  if (map_T_camera_) pose_.map_T_camera = *map_T_camera_;
+  if (const auto fused = missed_ > 0 ? fused_pose(frame.utime) : std::nullopt) {
+    result = attempt(frame_, rig_T_map_.inverse() * *fused);
+  }
+  if (map_T_camera_ && (!result || result->status == TrackingStatus::kLost)) {
+    result = attempt(frame_, predicted_pose(frame.utime));
   }
   if (!result || result->status == TrackingStatus::kLost) {
-    std::optional<TrackingResult> found = relocalise(frame);
+    std::optional<TrackingResult> found = relocalise(frame_);
     if (!found) {
       is_lost_ = true;
+      ++missed_;
+      if (is_sharp_) ++unplaced_;
+      if (begin_again()) return pose_;
       pose_.cause =
           result && !result->cause.empty() ? result->cause : "does not find itself in the map";
       if (!is_sharp_) pose_.cause = "blur: " + pose_.cause;
@@ -150,26 +163,46 @@ SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health,
     result = std::move(found);
     is_lost_ = true;
   }
-  accept(frame, *result);
+  accept(frame_, *result);
   return pose_;
+}
+
+TrackingResult VisualSlam::attempt(const Frame& frame, const SE3& start) {
+  TrackingResult result = is_lost_ ? track_from(frame, start) : track_near(frame, start);
+  const Motion moved = motion(start, result.map_T_camera, distance_);
+  if (moved.shift > options_.largest_shift || moved.turn > options_.largest_turn) {
+    result.status = TrackingStatus::kLost;
+    result.cause = fmt::format("jumped by {:.1f} mm and {:.0f} degrees",
+                               1e3 * moved.shift * distance_, moved.turn * 180 / M_PI);
+  }
+  if (holds_nothing(result, distance_, options_.tracker.hold)) {
+    result.status = TrackingStatus::kLost;
+    result.cause = "nothing in the picture tells where the camera is";
+  }
+  // Where nothing tells that the camera is still near, a doubtful fit is none.
+  if (is_lost_ && !confirmed(frame, result)) result.status = TrackingStatus::kLost;
+  return result;
 }
 
 SlamPose VisualSlam::lost(std::int64_t utime, const PictureHealth& health) {
   use_refinement();
   pose_ = {};
   pose_.utime = utime;
+  pose_.map_version = map_version_;
   if (map_T_camera_) pose_.map_T_camera = *map_T_camera_;
   pose_.cause = health.failure_message.empty() ? health.failure : health.failure_message;
+  ++missed_;
+  unplaced_ = 0;
   return pose_;
 }
 
-void VisualSlam::merge(const std::optional<SE3>& fused) {
+void VisualSlam::merge(const std::optional<FusedState>& fused) {
+  fused_ = fused;
   if (pose_.status == SlamStatus::kLost) return;
-  if (fused) {
-    pose_.map_T_camera = *fused;
-    map_T_camera_ = *fused;
-  }
-  const bool is_first = map_.size() == 0;
+  if (fused) use(*fused);
+  const bool begins_again = std::exchange(begins_again_, false);
+  if (begins_again) map_.give_way(frame_, pose_.map_T_camera);
+  const bool is_first = map_.size() == 0 || begins_again;
   const bool is_keyframe = is_first || is_far_from_keyframe();
   const bool is_certain = frame_.relative_std <= options_.certain_depth;
   // A blurred picture is tracked, but has nothing to tell the map.
@@ -186,14 +219,137 @@ void VisualSlam::merge(const std::optional<SE3>& fused) {
   }
   const double since_merge = static_cast<double>(frame_.utime - merged_utime_) * kMicrosecond;
   if (is_certain || is_first || (!newest_ && since_merge > options_.longest_gap)) {
-    const auto scale = static_cast<float>(std::pow(pose_.depth_scale, 1 - options_.own_scale));
-    for (float& depth : frame_.depth.values) depth *= scale;
+    scale_depth(frame_.depth, std::pow(pose_.depth_scale, 1 - options_.own_scale));
     merge_as_is(frame_, pose_.map_T_camera);
   }
 }
 
+// Before the frame is merged.
+void VisualSlam::use(const FusedState& fused) {
+  const double turn_std = worst_std(fused.covariance.bottomRightCorner<3, 3>());
+  const bool is_scale_off = is_in_rig_frame_ && fused.is_nominal && fused.depth_scale &&
+                            std::abs(*fused.depth_scale / depth_scale_ - 1) > options_.rebase_scale;
+  // A keyframe that is being refined belongs to the frame that it began in.
+  if (is_held_ && !newest_ && fused.depth_scale && (turn_std <= rebase_below_ || is_scale_off) &&
+      is_trusted(fused, options_.rebase_position_std, options_.rebase_rotation_std)) {
+    Similarity rig_S_map;
+    rig_S_map.scale = *fused.depth_scale / depth_scale_;
+    rig_S_map.rotation =
+        (fused.rig_T_camera.rotation * pose_.map_T_camera.rotation.conjugate()).normalized();
+    rig_S_map.translation =
+        fused.rig_T_camera.translation - rig_S_map * pose_.map_T_camera.translation;
+    // What was set aside is in its place; it is joined once, and not turned again.
+    rebase_below_ = aside_ ? 0 : std::min(rebase_below_, turn_std / 2);
+    rebase(rig_S_map);
+    return;
+  }
+  if (!is_in_rig_frame_) return;
+  if (is_trusted(fused, options_.restart_position_std, options_.restart_rotation_std)) {
+    rig_T_map_ = fused.rig_T_camera * pose_.map_T_camera.inverse();
+  }
+}
+
+void VisualSlam::rebase(const Similarity& rig_S_map) {
+  const auto scale_covariance = [factors = rig_S_map.twist_factors()](Matrix6d& covariance) {
+    covariance = (factors.asDiagonal() * covariance * factors.asDiagonal()).eval();
+  };
+  map_.transform(rig_S_map);
+  relocaliser_->transform(rig_S_map);
+  window_->transform(rig_S_map);
+  for (SE3* pose : {&pose_.map_T_camera, &*map_T_camera_, &reference_, &anchor_}) {
+    *pose = rig_S_map * *pose;
+  }
+  for (Matrix6d* covariance : {&pose_.covariance, &drift_, &anchor_covariance_}) {
+    scale_covariance(*covariance);
+  }
+  if (model_) {
+    model_->map_T_camera = rig_S_map * model_->map_T_camera;
+    scale_depth(model_->depth, rig_S_map.scale);
+  }
+  velocity_ = rig_S_map.twist_factors().cwiseProduct(velocity_);
+  distance_ *= rig_S_map.scale;
+  scale_depth(frame_.depth, rig_S_map.scale);
+  depth_scale_ *= rig_S_map.scale;
+  if (aside_) {
+    map_.add(aside_->surfels);
+    relocaliser_->add(aside_->relocaliser);
+    aside_.reset();
+  }
+  is_in_rig_frame_ = true;
+  rig_T_map_ = {};
+  ++map_version_;
+  ++map_frame_;
+}
+
+// Where fusion expects the camera, rig frame. Nothing while the map is not in that frame.
+std::optional<SE3> VisualSlam::fused_pose(std::int64_t utime) const {
+  if (!fused_ || !fused_->is_known || !is_in_rig_frame_) return std::nullopt;
+  const double ahead = static_cast<double>(utime - fused_->utime) * kMicrosecond;
+  if (!(ahead > 0 && ahead <= kLongestPrediction)) return std::nullopt;
+  return SE3{fused_->rig_T_camera.rotation * so3_exp(ahead * fused_->angular_velocity),
+             fused_->rig_T_camera.translation + ahead * fused_->velocity};
+}
+
+// The wall has moved, or the tissue is unknown: a new thread of keyframes in the same map, where
+// fusion has the camera.
+bool VisualSlam::begin_again() {
+  if (unplaced_ < options_.restart_frames || !is_sharp_ ||
+      usable_share(frame_) < options_.least_depth) {
+    return false;
+  }
+  const std::optional<SE3> fused = fused_pose(frame_.utime);
+  SE3 pose;
+  if (fused && is_trusted(*fused_, options_.restart_position_std, options_.restart_rotation_std)) {
+    pose = *fused;
+    Matrix6d to_camera = Matrix6d::Identity();
+    to_camera.topLeftCorner<3, 3>() = pose.rotation.conjugate().toRotationMatrix();
+    pose_.covariance = to_camera * fused_->covariance * to_camera.transpose();
+    pose_.cause = "began again at the fused pose";
+    velocity_ << to_camera.topLeftCorner<3, 3>() * fused_->velocity, fused_->angular_velocity;
+  } else if (fused_ && (is_in_rig_frame_ || aside_) && unplaced_ >= options_.new_map_frames) {
+    set_map_aside();
+    pose_.covariance = kBeginStd * kBeginStd * Matrix6d::Identity();
+    pose_.cause = "began a new map: the fused pose is not known well enough";
+    velocity_.setZero();
+  } else {
+    return false;
+  }
+  if (fused_ && fused_->depth_scale) {
+    scale_depth(frame_.depth, *fused_->depth_scale / depth_scale_);
+    depth_scale_ = *fused_->depth_scale;
+  }
+  pose_.status = SlamStatus::kRelocalised;
+  pose_.map_T_camera = pose;
+  pose_.map_version = ++map_version_;
+  pose_.inlier_fraction = 1;
+  is_held_ = true;
+  forget_thread();
+  anchor(pose, pose_.covariance);
+  // Old surfels must not pull the next frames to where they were.
+  if (frame_.relative_std > options_.certain_depth) {
+    model_ = model_of(frame_, pose);
+    refined_points_ = options_.window.points;
+  }
+  rig_T_map_ = {};
+  begins_again_ = true;
+  set_placed(frame_, pose);
+  return true;
+}
+
+// What was begun since the last time is in no known frame, and small: it is forgotten.
+void VisualSlam::set_map_aside() {
+  if (is_in_rig_frame_) aside_ = Aside{map_.surfels(), *relocaliser_};
+  map_ = SurfelMap(options_.map);
+  relocaliser_.emplace(grid_, options_.relocaliser);
+  is_in_rig_frame_ = false;
+  rebase_below_ = options_.rebase_rotation_std / 2;
+  ++map_frame_;
+}
+
 KeptMap VisualSlam::kept() const {
-  return {map_.surfels(), relocaliser_ ? relocaliser_->viewpoints() : kept_viewpoints_};
+  if (aside_) return {aside_->surfels, aside_->relocaliser.viewpoints(), depth_scale_};
+  return {map_.surfels(), relocaliser_ ? relocaliser_->viewpoints() : kept_viewpoints_,
+          is_in_rig_frame_ ? depth_scale_ : 0};
 }
 
 void VisualSlam::prepare(const PinholeGrid& grid) {
@@ -208,7 +364,8 @@ void VisualSlam::prepare(const PinholeGrid& grid) {
   grid_ = grid;
 }
 
-void VisualSlam::begin(const Frame& frame, const SE3& map_T_camera) {
+// Of the picture: with depth that the map can use.
+double VisualSlam::usable_share(const Frame& frame) const {
   const double nearest = kNearest * options_.map.working_distance;
   const double farthest = options_.map.farthest * options_.map.working_distance;
   const auto is_within = [&](float value) {
@@ -216,22 +373,27 @@ void VisualSlam::begin(const Frame& frame, const SE3& map_T_camera) {
   };
   const auto within =
       std::count_if(frame.depth.values.begin(), frame.depth.values.end(), is_within);
-  const double share = static_cast<double>(within) / static_cast<double>(frame.depth.size());
+  return static_cast<double>(within) / static_cast<double>(frame.depth.size());
+}
+
+void VisualSlam::begin(const Frame& frame) {
+  const double share = usable_share(frame);
   if (share < options_.least_depth) {
     pose_.cause = fmt::format(
         "too little to begin a map with: {:.0f} % of the picture have depth of {:.2g} to {:.2g} m",
-        100 * share, nearest, farthest);
+        100 * share, kNearest * options_.map.working_distance,
+        options_.map.farthest * options_.map.working_distance);
     return;
   }
-  distance_ = median_depth(frame.depth);
-  map_T_camera_ = map_T_camera;
-  utime_ = frame.utime;
-  pose_.map_T_camera = map_T_camera;
+  set_placed(frame, {});
+  if (is_in_rig_frame_) ++map_frame_;
+  is_in_rig_frame_ = false;
+  rebase_below_ = options_.rebase_rotation_std;
   pose_.status = has_begun_ ? SlamStatus::kDegraded : SlamStatus::kOk;
   if (has_begun_) pose_.cause = "no surface was found in what was seen so far";
   pose_.inlier_fraction = 1;
   pose_.covariance = kBeginStd * kBeginStd * Matrix6d::Identity();
-  anchor(map_T_camera, pose_.covariance);
+  anchor({}, pose_.covariance);
 }
 
 SE3 VisualSlam::predicted_pose(std::int64_t utime) const {
@@ -301,20 +463,29 @@ void VisualSlam::accept(const Frame& frame, const TrackingResult& result) {
     pose_.status = SlamStatus::kRelocalised;
     pose_.cause.clear();
     velocity_.setZero();
-    // What was seen before has lost its thread to what is seen now.
-    if (refining_.valid()) refining_.wait();
-    refining_ = {};
-    newest_.reset();
-    model_.reset();
+    forget_thread();
     anchor(result.map_T_camera, pose_.covariance);
   } else {
     const Vector6d moved = (map_T_camera_->inverse() * result.map_T_camera).log();
     if (elapsed > kShortestInterval) velocity_ = moved / elapsed;
   }
+  set_placed(frame, result.map_T_camera);
+}
+
+void VisualSlam::set_placed(const Frame& frame, const SE3& map_T_camera) {
   is_lost_ = false;
-  map_T_camera_ = result.map_T_camera;
+  missed_ = unplaced_ = 0;
+  map_T_camera_ = map_T_camera;
   utime_ = frame.utime;
   if (const double distance = median_depth(frame.depth); distance > 0) distance_ = distance;
+}
+
+// What was seen before has lost its thread to what is seen now.
+void VisualSlam::forget_thread() {
+  if (refining_.valid()) refining_.wait();
+  refining_ = {};
+  newest_.reset();
+  model_.reset();
 }
 
 bool VisualSlam::is_blurred(double sharpness) {

@@ -5,6 +5,13 @@
 // shading) is merged by keyframes: the last of them are refined together first, poses and depths
 // (keyframe_window.hpp), on a thread of its own, and what it found is used a fixed number of frames
 // later, so that results do not depend on how fast the thread was.
+//
+// What sensor fusion makes of the frames enters the map in steps alone, and each is told by the
+// map's version, so that fusion, which takes the poses here for vision's own, counts nothing twice.
+// Once the fused pose is trusted the map goes to the rig's frame and to metres; and when tracking
+// was lost for long, it begins again where fusion has the camera. Where fusion does not know that
+// well enough (a magnet does not tell its roll), a new map is begun, and joined with the one before
+// as soon as the new one goes to the rig's frame.
 #pragma once
 
 #include <cstdint>
@@ -19,6 +26,7 @@
 #include "visual_slam/frame_tracker.hpp"
 #include "visual_slam/keyframe_window.hpp"
 #include "visual_slam/relocaliser.hpp"
+#include "visual_slam/similarity.hpp"
 #include "visual_slam/surfel_file.hpp"
 #include "visual_slam/surfel_map.hpp"
 
@@ -53,6 +61,31 @@ struct VisualSlamOptions {
   double largest_shift = 0.4;
   double largest_turn = 0.5;
   int candidates = 2;  // places tried for each frame while lost
+
+  // Fused poses with one sigma of at most this, in their worst direction, metres and radians, take
+  // the map to the rig's frame, and again whenever the rotation is known twice as well or the scale
+  // turns out to be off by rebase_scale (scale changes in no other way: fusion relies on that),
+  double rebase_position_std = 0.002;
+  double rebase_rotation_std = 0.05;
+  double rebase_scale = 0.01;
+  // respectively are where tracking begins again after so many usable pictures without a place.
+  double restart_position_std = 0.003;
+  double restart_rotation_std = 0.1;
+  int restart_frames = 6;
+  int new_map_frames = 15;  // the same, where fused poses are not trusted: a new map begins
+};
+
+// What sensor fusion says of a frame.
+struct FusedState {
+  std::int64_t utime = 0;
+  bool is_known = false;    // measured, not merely predicted or still searched for
+  bool is_nominal = false;  // by every sensor
+  SE3 rig_T_camera;
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();          // metres a second, rig frame
+  Eigen::Vector3d angular_velocity = Eigen::Vector3d::Zero();  // radians a second, camera frame
+  // Translation m^2, rig frame; rotation rad^2, camera frame.
+  Matrix6d covariance = Matrix6d::Zero();
+  std::optional<double> depth_scale;  // that makes depth as it comes metric
 };
 
 enum class SlamStatus : std::int8_t { kOk = 0, kDegraded = 1, kLost = 2, kRelocalised = 3 };
@@ -60,8 +93,9 @@ enum class SlamStatus : std::int8_t { kOk = 0, kDegraded = 1, kLost = 2, kReloca
 struct SlamPose {
   std::int64_t utime = 0;
   SlamStatus status = SlamStatus::kLost;
-  std::string cause;  // why it is not kOk
-  SE3 map_T_camera;   // the last known when kLost
+  int map_version = 0;  // one more whenever the map's relation to the rig was set anew
+  std::string cause;    // why it is not kOk; of kRelocalised, where it is not the map that told
+  SE3 map_T_camera;     // the last known when kLost
   // Translation m^2, rotation rad^2, camera frame: of the pose in relation to the map's first
   // keyframe, drift since then included. Zero when kLost.
   Matrix6d covariance = Matrix6d::Zero();
@@ -71,29 +105,33 @@ struct SlamPose {
   double depth_scale = 1;
 };
 
-// The map's frame is that of the first frame's camera, unless a map was given: then the camera is
-// lost until it finds itself there.
+// The map's frame is that of the first frame's camera, then the rig's; unless a map was given: then
+// it is as it was kept, and the camera is lost until it finds itself there.
 class VisualSlam {
  public:
   // Throws std::invalid_argument for options that make no sense.
   explicit VisualSlam(const VisualSlamOptions& options);
   VisualSlam(const VisualSlamOptions& options, KeptMap kept);
 
-  // Where the camera is. utimes ascend. `map_T_camera_start`: where it is thought to be, from
-  // elsewhere; else where constant velocity leads. Throws std::invalid_argument when the frame's
-  // grid is too small, or not that of the frame that the map began with.
-  SlamPose track(const Frame& frame, const PictureHealth& health,
-                 const std::optional<SE3>& map_T_camera_start = std::nullopt);
+  // Where the camera is. utimes ascend. Throws std::invalid_argument when the frame's grid is too
+  // small, or not that of the frame that the map began with.
+  SlamPose track(const Frame& frame, const PictureHealth& health);
   // The same for a picture of which no frame could be made.
   SlamPose lost(std::int64_t utime, const PictureHealth& health);
-  // Merges the frame tracked last into the map, at its own pose or at `fused`; nothing when lost.
-  void merge(const std::optional<SE3>& fused = std::nullopt);
+  // Merges the frame tracked last into the map; nothing when lost. `fused`: what fusion made of
+  // that frame, or of the one that was lost.
+  void merge(const std::optional<FusedState>& fused = std::nullopt);
 
   // The end: what is still being refined is merged as well.
   void settle();
 
   const SurfelMap& map() const { return map_; }
   MapIncrement take_increment() { return map_.take_increment(); }
+  int map_version() const { return map_version_; }
+  bool is_in_rig_frame() const { return is_in_rig_frame_; }
+  // Another number: the surfels are in another frame, or others, and their ids mean nothing.
+  int map_frame() const { return map_frame_; }
+  double depth_scale() const { return depth_scale_; }  // that frames' depth is multiplied by
   // What is needed to go on with the map another time.
   KeptMap kept() const;
 
@@ -105,13 +143,22 @@ class VisualSlam {
 
   void prepare(const PinholeGrid& grid);
   SE3 predicted_pose(std::int64_t utime) const;
-  void begin(const Frame& frame, const SE3& map_T_camera);
+  double usable_share(const Frame& frame) const;
+  void begin(const Frame& frame);
+  bool begin_again();
+  void set_map_aside();
+  void use(const FusedState& fused);
+  void rebase(const Similarity& rig_S_map);
+  std::optional<SE3> fused_pose(std::int64_t utime) const;
+  TrackingResult attempt(const Frame& frame, const SE3& start);
   void use_refinement();
   TrackingResult track_near(const Frame& frame, const SE3& start);
   TrackingResult track_from(const Frame& frame, const SE3& start);
   bool confirmed(const Frame& frame, const TrackingResult& result);
   std::optional<TrackingResult> relocalise(const Frame& frame);
   void accept(const Frame& frame, const TrackingResult& result);
+  void set_placed(const Frame& frame, const SE3& map_T_camera);
+  void forget_thread();
   bool is_blurred(double sharpness);
   bool is_far_from_keyframe() const;
   void refine(const Frame& frame, const SE3& map_T_camera);
@@ -136,9 +183,25 @@ class VisualSlam {
   std::int64_t utime_ = 0;
   Vector6d velocity_ = Vector6d::Zero();  // twist a second, camera frame
   bool is_lost_ = false;
+  int missed_ = 0;                     // frames since then,
+  int unplaced_ = 0;                   // of which so many had a usable picture
   double distance_ = 0;                // metres, median depth
   double sharpness_ = 0;               // lately
   Matrix6d drift_ = Matrix6d::Zero();  // covariance of reference_, camera frame there
+
+  std::optional<FusedState> fused_;  // of the frame before
+  bool is_in_rig_frame_ = false;
+  SE3 rig_T_map_;            // by how much fusion and vision have drifted apart since
+  double rebase_below_ = 0;  // rotation's one sigma: so well known, the map is turned (again)
+  double depth_scale_ = 1;
+  int map_version_ = 0;
+  int map_frame_ = 0;
+  bool begins_again_ = false;  // with the frame tracked last
+  struct Aside {
+    SurfelArrays surfels;
+    Relocaliser relocaliser;
+  };
+  std::optional<Aside> aside_;  // in the rig's frame, while the present map is not
 
   SE3 reference_;  // pose of the last keyframe
   SE3 anchor_;     // where the present thread of keyframes began, and how well that is known

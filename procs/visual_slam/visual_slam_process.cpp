@@ -84,6 +84,36 @@ std::optional<slam::AlbedoLevels> albedo_levels(const image_t& message,
       {camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy}, message.data};
 }
 
+// Nothing for a state that cannot be one. A capsule is no farther than `farthest` metres from the
+// array's middle.
+std::optional<slam::FusedState> fused_state(const capsule_state_t& message, double farthest) {
+  constexpr double kUnit = 1e-3;  // of a quaternion's norm
+  constexpr double kMostScale = 2;
+  slam::FusedState state;
+  state.utime = message.utime;
+  state.is_nominal = message.status == capsule_state_t::STATUS_NOMINAL;
+  state.is_known = state.is_nominal || message.status == capsule_state_t::STATUS_DEGRADED;
+  const double* q = message.orientation;
+  state.rig_T_camera.rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
+  state.rig_T_camera.translation = Eigen::Vector3d(message.position);
+  state.velocity = Eigen::Vector3d(message.velocity);
+  state.angular_velocity = Eigen::Vector3d(message.angular_velocity);
+  for (int i = 0; i < 6; ++i) {
+    for (int j = 0; j < 6; ++j) state.covariance(i, j) = message.covariance[i][j];
+  }
+  const bool possible = std::abs(state.rig_T_camera.rotation.norm() - 1) < kUnit &&
+                        state.rig_T_camera.translation.norm() < farthest &&
+                        state.velocity.norm() < farthest &&
+                        state.angular_velocity.norm() < 2 * M_PI / kUnit &&
+                        state.covariance.allFinite() && state.covariance.diagonal().minCoeff() >= 0;
+  if (!possible) return std::nullopt;
+  state.rig_T_camera.rotation.normalize();
+  if (message.depth_scale >= 1 / kMostScale && message.depth_scale <= kMostScale) {
+    state.depth_scale = message.depth_scale;
+  }
+  return state;
+}
+
 slam::VisualSlamOptions options_of(const RigConfiguration& configuration) {
   const VisualSlamConfiguration& chosen = configuration.visual_slam;
   slam::VisualSlamOptions options;
@@ -140,14 +170,19 @@ VisualSlamProcess::VisualSlamProcess(Bus& bus, const RigConfiguration& configura
   bus.subscribe<depth_image_t>(
       channel::kDepth, configuration.lag.derived,
       [this](const depth_image_t& message) { handle_depth(message); }, Overload::kKeepNewest);
+  bus.subscribe_feedback<capsule_state_t>(
+      channel::kCapsuleState, configuration.lag.feedback,
+      [this](const capsule_state_t& message) { handle_state(message); });
 }
 
 void VisualSlamProcess::handle_albedo(const image_t& message) {
+  merge_alone();
   if (albedo_) publish_lost(albedo_->utime, "no depth", "ALBEDO came without its DEPTH");
   albedo_ = message;
 }
 
 void VisualSlamProcess::handle_depth(const depth_image_t& message) {
+  merge_alone();
   const std::optional<image_t> albedo = std::exchange(albedo_, std::nullopt);
   if (albedo && albedo->utime == message.utime) {
     handle_frame(*albedo, message);
@@ -157,7 +192,8 @@ void VisualSlamProcess::handle_depth(const depth_image_t& message) {
   publish_lost(message.utime, "no albedo", "DEPTH came without its ALBEDO");
 }
 
-// A frame's way: tracked against the map, merged into it, the map's news published.
+// A frame's way: tracked against the map, fused with the magnetics by another process, merged into
+// the map, the map's news published.
 void VisualSlamProcess::handle_frame(const image_t& albedo, const depth_image_t& depth) {
   const auto levels = albedo_levels(albedo, configuration_.camera);
   const auto counts = depth_counts(depth);
@@ -179,26 +215,50 @@ void VisualSlamProcess::handle_frame(const image_t& albedo, const depth_image_t&
     return;
   }
   publish(pose);
-  slam_.merge();
-  if (frame.utime >= map_due_) {
-    publish_map(frame.utime, kMostSurfels);
-    map_due_ = frame.utime + std::llround(configuration_.visual_slam.map_interval * kMicroseconds);
+}
+
+void VisualSlamProcess::handle_state(const capsule_state_t& message) {
+  constexpr double kFarthest = 1000;  // working distances
+  const auto state = fused_state(message, kFarthest * configuration_.visual_slam.working_distance);
+  fusion_problem_.clear();
+  if (!state) {
+    fusion_problem_ = "a CAPSULE_STATE is not used: its numbers are impossible";
+  } else if (!state->depth_scale) {
+    fusion_problem_ = "CAPSULE_STATE's depth_scale is not used: not within 0.5 and 2";
   }
-  if (!files_.map.empty() && frame.utime >= save_due_ && slam_.map().size() > 0) {
+  if (unmerged_ == message.utime) merge(state);
+}
+
+// The answer to the frame before has not come, and will not.
+void VisualSlamProcess::merge_alone() {
+  if (!unmerged_) return;
+  fusion_problem_ = "sensor_fusion is silent: the map is merged at vision's own poses";
+  merge(std::nullopt);
+}
+
+void VisualSlamProcess::merge(const std::optional<slam::FusedState>& fused) {
+  const std::int64_t utime = *std::exchange(unmerged_, std::nullopt);
+  slam_.merge(fused);
+  if (utime >= map_due_) {
+    publish_map(utime, kMostSurfels);
+    map_due_ = utime + std::llround(configuration_.visual_slam.map_interval * kMicroseconds);
+  }
+  if (!files_.map.empty() && utime >= save_due_ && slam_.map().size() > 0) {
     if (keeper_.is_free()) keeper_.save(slam_.kept());
-    save_due_ =
-        frame.utime + std::llround(configuration_.visual_slam.save_interval * kMicroseconds);
+    save_due_ = utime + std::llround(configuration_.visual_slam.save_interval * kMicroseconds);
   }
 }
 
 void VisualSlamProcess::publish_lost(std::int64_t utime, const std::string& kind,
                                      const std::string& message) {
+  merge_alone();
   publish(slam_.lost(utime, {.failure = kind, .failure_message = message}));
 }
 
 void VisualSlamProcess::publish(const slam::SlamPose& pose) {
   visual_pose_t message{};
   message.utime = pose.utime;
+  message.map_version = pose.map_version;
   message.status = static_cast<std::int8_t>(pose.status);
   const Eigen::Vector3d& t = pose.map_T_camera.translation;
   const Eigen::Quaterniond& q = pose.map_T_camera.rotation;
@@ -213,6 +273,8 @@ void VisualSlamProcess::publish(const slam::SlamPose& pose) {
   message.inlier_fraction = pose.inlier_fraction;
   bus_.publish(channel::kVisualPose, message);
   last_utime_ = pose.utime;
+  unmerged_ = pose.utime;
+  if (!bus_.await(channel::kCapsuleState, pose.utime)) merge_alone();
   report(pose);
 }
 
@@ -220,7 +282,11 @@ void VisualSlamProcess::publish(const slam::SlamPose& pose) {
 void VisualSlamProcess::publish_map(std::int64_t utime, std::size_t most) {
   map_surfels_t message{};
   message.utime = utime;
-  message.reset = map_announced_ ? 0 : 1;
+  message.map_version = slam_.map_version();
+  message.reset = announced_frame_ == slam_.map_frame() ? 0 : 1;
+  // In another frame all surfels are new: the rest of what was under way is among them.
+  if (message.reset != 0) published_ = increment_.changed.size();
+  announced_frame_ = slam_.map_frame();
   if (published_ == increment_.changed.size()) {
     increment_ = slam_.take_increment();
     published_ = 0;
@@ -235,19 +301,25 @@ void VisualSlamProcess::publish_map(std::int64_t utime, std::size_t most) {
   message.num_surfels = static_cast<std::int32_t>(message.id.size());
   message.num_removed = static_cast<std::int32_t>(message.removed.size());
   bus_.publish(channel::kMapSurfels, message);
-  map_announced_ = true;
 }
 
 void VisualSlamProcess::report(const slam::SlamPose& pose) {
   ++frames_;
   if (pose.status == slam::SlamStatus::kLost) ++lost_;
   std::string text;
-  if (!pose.cause.empty()) last_cause_ = pose.cause;
-  if (!last_cause_.empty()) {
-    text = fmt::format("{} of {} frames lost, last cause: {}", lost_, frames_, last_cause_);
+  const auto add = [&text](const std::string& more) { text += (text.empty() ? "" : "; ") + more; };
+  if (pose.status == slam::SlamStatus::kRelocalised) {
+    restarts_ += pose.cause.empty() ? 0 : 1;
+  } else if (!pose.cause.empty()) {
+    last_cause_ = pose.cause;
   }
+  if (!last_cause_.empty()) {
+    add(fmt::format("{} of {} frames lost, last cause: {}", lost_, frames_, last_cause_));
+  }
+  if (restarts_ > 0) add(fmt::format("began again by what fusion knows {} times", restarts_));
+  if (!fusion_problem_.empty()) add(fusion_problem_);
   if (!files_.map.empty() && !keeper_.problem().empty()) {
-    text += (text.empty() ? "" : "; ") + ("the map is not kept: " + keeper_.problem());
+    add("the map is not kept: " + keeper_.problem());
   }
   const bool well =
       pose.status == slam::SlamStatus::kOk || pose.status == slam::SlamStatus::kRelocalised;
@@ -259,6 +331,7 @@ void VisualSlamProcess::finish() {
     publish_lost(albedo_->utime, "no depth", "ALBEDO came without its DEPTH");
     albedo_.reset();
   }
+  merge_alone();
   slam_.settle();
   // Twice: the rest of the portion under way, and what has changed since it was taken.
   constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();

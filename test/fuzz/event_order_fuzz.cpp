@@ -3,6 +3,7 @@
 
 #include <limits>
 #include <map>
+#include <optional>
 #include <utility>
 
 #include "bus/event_order.hpp"
@@ -20,11 +21,22 @@ class Checker {
       lags_.push_back(data_.ConsumeIntegralInRange<std::int64_t>(0, 2'000'000));
       order_.add_input("input" + std::to_string(i), lags_.back());
     }
+    feedback_ =
+        order_.add_feedback("feedback", data_.ConsumeIntegralInRange<std::int64_t>(0, 1'000'000));
   }
 
   void run() {
     while (data_.remaining_bytes() > 0) {
-      switch (data_.ConsumeIntegralInRange(0, 7)) {
+      switch (data_.ConsumeIntegralInRange(0, 10)) {
+        case 8:
+          await(data_.ConsumeBool() ? last_.first : now_);
+          break;
+        case 9:
+          answer(awaited_.value_or(now_) + data_.ConsumeIntegralInRange<std::int64_t>(-2, 2));
+          break;
+        case 10:
+          answer(data_.ConsumeIntegral<std::int64_t>());
+          break;
         case 0:
           take(order_.drain());
           break;
@@ -62,6 +74,21 @@ class Checker {
     }
   }
 
+  void await(std::int64_t utime) {
+    const std::size_t before = order_.pending();
+    awaited_.reset();
+    if (order_.await(feedback_, utime)) awaited_ = utime;
+    dropped_ += before - order_.pending();
+  }
+
+  void answer(std::int64_t utime) {
+    const std::size_t before = order_.pending();
+    order_.push(feedback_, utime, [this, utime] { called_ = {utime, feedback_}; });
+    if (order_.pending() == before) return;
+    promise(awaited_ == utime, "only the answer that is awaited is kept");
+    ++queued_;
+  }
+
   void pop() {
     const bool waits = !order_.blocker().empty();
     const bool any = order_.pending() > 0;
@@ -73,6 +100,11 @@ class Checker {
     ++handed_out_;
     event->handle();
     promise(called_.first == event->utime, "an event carries its own action");
+    if (called_.second == feedback_) {
+      promise(awaited_ == called_.first, "an answer is handed out while it is awaited");
+      awaited_.reset();
+      return true;
+    }
     promise(last_ < called_, "events come in the order of utime and input, each once");
     last_ = called_;
     return true;
@@ -81,6 +113,8 @@ class Checker {
   FuzzedDataProvider& data_;
   EventOrder order_;
   std::vector<std::int64_t> lags_;
+  int feedback_ = 0;
+  std::optional<std::int64_t> awaited_;  // unless it is known not to come
   std::int64_t now_ = 1'700'000'000'000'000;
   std::size_t queued_ = 0;
   std::size_t handed_out_ = 0;

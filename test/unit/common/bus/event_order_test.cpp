@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <limits>
+
 namespace gastronaut {
 namespace {
 
@@ -125,6 +127,145 @@ TEST_F(EventOrderTest, KeepNewestDropsOnlyEventsWhoseTurnHasCome) {
   EXPECT_EQ(order_.keep_newest(hall_), 2U);
   EXPECT_THAT(handle_ready(), ElementsAre(std::pair(coils_, 3), std::pair(hall_, 3)));
   EXPECT_EQ(order_.pending(), 2U);
+}
+
+// A live input whose messages are all a little late: as one that is started after the others, and
+// takes its time.
+TEST_F(EventOrderTest, SilentInputThatComesBackLateIsWaitedForAgain) {
+  push(hall_, 0);
+  push(hall_, 2 * kLag);
+  handle_ready();
+  EXPECT_EQ(push(coils_, 2 * kLag - 10), PushResult::kLate);
+  EXPECT_THAT(order_.silent_inputs(), IsEmpty());
+  push(hall_, 2 * kLag + 20);
+  EXPECT_THAT(handle_ready(), IsEmpty());
+  EXPECT_EQ(push(coils_, 2 * kLag + 10), PushResult::kQueued);
+  EXPECT_THAT(handle_ready(), ElementsAre(std::pair(coils_, 2 * kLag + 10)));
+}
+
+// One input, and the answers to what is made of it.
+class FeedbackTest : public EventOrderTest {
+ protected:
+  FeedbackTest() : depth(0), state(1) {
+    order_ = EventOrder();
+    order_.add_input("depth", kLag);
+    order_.add_feedback("state", kLag);
+  }
+  void see(std::int64_t utime) {
+    push(depth, utime);
+    EXPECT_THAT(handle_ready(), ElementsAre(std::pair(depth, utime)));
+  }
+
+  const int depth;
+  const int state;
+};
+
+TEST_F(FeedbackTest, NothingIsHandedOutBeforeTheAnswer) {
+  see(10);
+  EXPECT_TRUE(order_.await(state, 10));
+  push(depth, 20);
+  push(state, 9);
+  EXPECT_THAT(handle_ready(), IsEmpty());
+  EXPECT_EQ(order_.blocker(), "state");
+  EXPECT_EQ(push(state, 10), PushResult::kQueued);
+  EXPECT_EQ(order_.blocker(), "");
+  EXPECT_EQ(order_.pending(), 2U);
+  EXPECT_THAT(handle_ready(), ElementsAre(std::pair(state, 10), std::pair(depth, 20)));
+}
+
+TEST_F(FeedbackTest, NewerMessageTellsThatTheAnswerWillNotCome) {
+  see(10);
+  order_.await(state, 10);
+  push(depth, 20);
+  push(state, 11);
+  EXPECT_THAT(handle_ready(), ElementsAre(std::pair(depth, 20)));
+  EXPECT_FALSE(order_.await(state, 5));
+}
+
+TEST_F(FeedbackTest, WhatNobodyAwaitsIsDroppedAndWaitedForByNobody) {
+  push(depth, 10);
+  for (const std::int64_t utime : {8, 9, 10, 11, 12}) {
+    EXPECT_EQ(push(state, utime), PushResult::kQueued);
+  }
+  EXPECT_EQ(order_.pending(), 1U);
+  EXPECT_THAT(handle_ready(), ElementsAre(std::pair(depth, 10)));
+  push(depth, 20 + 10 * kLag);
+  EXPECT_EQ(handle_ready().size(), 1U);
+}
+
+TEST_F(FeedbackTest, SilentFeedbackIsNoLongerAwaitedUntilItIsBack) {
+  see(10);
+  order_.await(state, 10);
+  push(depth, 10 + kLag);
+  EXPECT_THAT(handle_ready(), IsEmpty());
+  EXPECT_THAT(order_.silent_inputs(), IsEmpty());
+  push(depth, 11 + kLag);
+  EXPECT_THAT(order_.silent_inputs(), ElementsAre("state"));
+  EXPECT_THAT(handle_ready(),
+              ElementsAre(std::pair(depth, 10 + kLag), std::pair(depth, 11 + kLag)));
+  EXPECT_FALSE(order_.await(state, 11 + kLag));
+  see(20 + kLag);
+  push(state, 11 + kLag);
+  EXPECT_THAT(order_.silent_inputs(), IsEmpty());
+  EXPECT_TRUE(order_.await(state, 20 + kLag));
+}
+
+// However far apart the events are.
+TEST_F(FeedbackTest, AnswerOfARareEventIsWaitedFor) {
+  for (std::int64_t utime = 0; utime < 50 * kLag; utime += 10 * kLag) {
+    see(utime);
+    EXPECT_TRUE(order_.await(state, utime));
+    push(state, utime);
+    EXPECT_THAT(handle_ready(), ElementsAre(std::pair(state, utime)));
+  }
+}
+
+TEST_F(FeedbackTest, CorruptUtimesAreForgottenWithTheNextMessage) {
+  constexpr std::int64_t kSecond = 1'000'000;
+  std::int64_t utime = 10;
+  for (const std::int64_t corrupt :
+       {std::numeric_limits<std::int64_t>::max(), std::numeric_limits<std::int64_t>::min(),
+        std::int64_t{50 * kSecond}, std::int64_t{-50 * kSecond}}) {
+    SCOPED_TRACE(corrupt);
+    see(utime);
+    order_.await(state, utime);
+    push(state, corrupt);
+    handle_ready();
+    push(state, utime + 1);
+    see(utime += 10);
+    EXPECT_TRUE(order_.await(state, utime));
+    push(state, utime);
+    EXPECT_THAT(handle_ready(), ElementsAre(std::pair(state, utime)));
+    utime += 10;
+  }
+  EXPECT_EQ(push(state, 1000 * kSecond), PushResult::kImplausible);
+  EXPECT_EQ(push(state, 1000 * kSecond), PushResult::kImplausible);
+}
+
+TEST_F(FeedbackTest, DrainUsesAnAnswerThatIsThereAndElseGoesOn) {
+  see(10);
+  order_.await(state, 10);
+  push(state, 10);
+  push(depth, 20);
+  EXPECT_THAT(handle_all(), ElementsAre(std::pair(state, 10), std::pair(depth, 20)));
+  order_.await(state, 20);
+  push(depth, 30);
+  EXPECT_THAT(handle_all(), ElementsAre(std::pair(depth, 30)));
+  push(state, 20);  // too late
+  EXPECT_THAT(handle_all(), IsEmpty());
+}
+
+TEST_F(FeedbackTest, NothingIsSkippedWhileAnAnswerIsAwaited) {
+  see(10);
+  order_.await(state, 10);
+  push(depth, 20);
+  push(depth, 30);
+  EXPECT_EQ(order_.keep_newest(depth), 0U);
+  push(state, 10);
+  handled_.clear();
+  order_.pop()->handle();
+  EXPECT_THAT(handled_, ElementsAre(std::pair(state, 10)));
+  EXPECT_EQ(order_.keep_newest(depth), 1U);
 }
 
 }  // namespace

@@ -3,11 +3,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 namespace gastronaut {
 namespace {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 constexpr double kLagSeconds = 1e-3;
 
@@ -133,6 +136,96 @@ TEST_F(MemoryBusTest, FinishHandlesWhatWasWaiting) {
   EXPECT_TRUE(handled_.empty());
   network_.finish([](std::size_t) {});
   EXPECT_THAT(handled_, ElementsAre("hall 10"));
+}
+
+// One process asks with MAGNETIC_POSE, another answers with CAPSULE_POSE once it has heard the
+// coils.
+class FeedbackLoopTest : public ::testing::Test {
+ protected:
+  static constexpr double kAskerLag = 1e-3;
+  static constexpr double kAnswererLag = 2e-3;  // the longer: it waits for more than the asker does
+
+  FeedbackLoopTest() {
+    asker_.subscribe<hall_array_t>("HALL_ARRAY", kAskerLag, [this](const hall_array_t& m) {
+      said_.push_back("ask " + std::to_string(m.utime));
+      magnetic_pose_t question{};
+      question.utime = m.utime;
+      asker_.publish("MAGNETIC_POSE", question);
+      if (!asker_.await("CAPSULE_POSE", m.utime)) said_.push_back("alone");
+    });
+    asker_.subscribe_feedback<pose_t>("CAPSULE_POSE", kAskerLag, [this](const pose_t& m) {
+      said_.push_back("answer " + std::to_string(m.utime));
+    });
+    answerer_.subscribe<coil_currents_t>("COIL_CURRENTS", kAnswererLag, [](const auto&) {});
+    answerer_.subscribe<magnetic_pose_t>("MAGNETIC_POSE", kAnswererLag, [this](const auto& m) {
+      pose_t answer{};
+      answer.utime = m.utime;
+      answerer_.publish("CAPSULE_POSE", answer);
+    });
+  }
+  void hear(std::int64_t utime) {
+    network_.inject("COIL_CURRENTS", encode_message(currents(utime, 0)));
+    network_.run_until_idle();
+  }
+  void see(std::int64_t utime) {
+    network_.inject("HALL_ARRAY", encode_message(reading(utime, 0)));
+    network_.run_until_idle();
+  }
+
+  MemoryNetwork network_;
+  Bus& asker_ = network_.connect();
+  Bus& answerer_ = network_.connect();
+  std::vector<std::string> said_;
+};
+
+TEST_F(FeedbackLoopTest, AnswerComesBeforeTheNextEvent) {
+  see(100);
+  see(200);
+  EXPECT_THAT(asker_.describe_health(), HasSubstr("waiting for CAPSULE_POSE"));
+  hear(300);
+  see(300);
+  EXPECT_THAT(said_, ElementsAre("ask 100", "answer 100", "ask 200", "answer 200", "ask 300",
+                                 "answer 300"));
+  EXPECT_EQ(asker_.counters().late, 0);
+}
+
+// Each of the two waits for the other or for an input that has died; neither for ever.
+TEST_F(FeedbackLoopTest, SilentInputOfTheOtherProcessHoldsUpNobodyForLong) {
+  hear(0);
+  for (std::int64_t utime = 100; utime <= 5000; utime += 100) see(utime);
+  EXPECT_EQ(said_.back(), "answer 5000");
+  EXPECT_THAT(asker_.describe_health(), Not(HasSubstr("CAPSULE_POSE")));
+  EXPECT_GT(std::count(said_.begin(), said_.end(), "alone"), 0);
+  const auto is_question = [](const std::string& text) { return text.starts_with("ask"); };
+  EXPECT_EQ(std::count_if(said_.begin(), said_.end(), is_question), 50);
+}
+
+TEST_F(FeedbackLoopTest, ProcessThatNobodyAnswersGoesOnAloneAndSaysSo) {
+  MemoryNetwork network;
+  Bus& bus = network.connect();
+  int handled = 0;
+  bus.subscribe<hall_array_t>("HALL_ARRAY", kAskerLag, [&](const hall_array_t& m) {
+    ++handled;
+    bus.await("CAPSULE_POSE", m.utime);
+  });
+  bus.subscribe_feedback<pose_t>("CAPSULE_POSE", kAskerLag, [](const pose_t&) { FAIL(); });
+  for (std::int64_t utime = 0; utime <= 3000; utime += 500) {
+    network.inject("HALL_ARRAY", encode_message(reading(utime, 0)));
+    network.run_until_idle();
+  }
+  EXPECT_EQ(handled, 7);
+  EXPECT_THAT(bus.describe_health(), HasSubstr("CAPSULE_POSE is silent"));
+}
+
+TEST_F(FeedbackLoopTest, EndOfALogHoldsUpNothing) {
+  for (std::int64_t utime = 100; utime <= 500; utime += 100) {
+    network_.inject("HALL_ARRAY", encode_message(reading(utime, 0)));
+  }
+  network_.run_until_idle();
+  EXPECT_THAT(said_, ElementsAre("ask 100"));
+  network_.finish([](std::size_t) {});
+  EXPECT_EQ(std::count(said_.begin(), said_.end(), "ask 500"), 1);
+  EXPECT_EQ(asker_.pending() + answerer_.pending(), 0U);
 }
 
 }  // namespace

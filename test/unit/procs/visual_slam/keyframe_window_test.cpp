@@ -407,5 +407,45 @@ TEST(KeyframeWindow, RefusesNonsense) {
   EXPECT_THROW(window.add(frame, {}), std::invalid_argument);
 }
 
+// Refined in another frame and other metres it is what was refined, taken there.
+TEST(KeyframeWindow, FrameAndMetresMakeNoDifference) {
+  constexpr int kKeyframes = 9;  // the oldest have left
+  constexpr int kMoved = 6;      // keyframes are there when it moves
+  const Similarity similarity{1.1, so3_exp({0.5, -1, 2}), {0.1, 0.2, -0.3}};
+  KeyframeWindow still(kGrid, {});
+  KeyframeWindow moved(kGrid, {});
+  std::vector<RefinedKeyframe> expected;
+  std::vector<RefinedKeyframe> refined;
+  for (int k = 0; k < kKeyframes; ++k) {
+    Frame frame = true_frame(true_pose(k), k);
+    spoil_depth(1, static_cast<std::uint64_t>(k), frame);
+    const SE3 pose = true_pose(k) * SE3::exp(tracking_error(k));
+    still.add(frame, pose);
+    expected = still.refine();
+    if (k == kMoved) moved.transform(similarity);
+    const bool is_there = k >= kMoved;
+    if (is_there) {
+      for (float& depth : frame.depth.values) depth *= static_cast<float>(similarity.scale);
+    }
+    moved.add(frame, is_there ? similarity * pose : pose);
+    refined = moved.refine();
+  }
+  ASSERT_EQ(refined.size(), expected.size());
+  constexpr double kRounding = 1e-3;  // of a tracking error: sums of floats
+  constexpr double kShare = 1e-2;
+  for (std::size_t k = 0; k < refined.size(); ++k) {
+    const SE3 there = similarity * expected[k].map_T_camera;
+    EXPECT_LT((refined[k].map_T_camera.translation - there.translation).norm(),
+              kRounding * kTrackingError);
+    EXPECT_LT(angle_between(refined[k].map_T_camera.rotation, there.rotation),
+              kRounding * kTrackingTurn);
+    const auto factors = similarity.twist_factors();
+    const Matrix6d covariance =
+        factors.asDiagonal() * expected[k].covariance * factors.asDiagonal();
+    EXPECT_LT((refined[k].covariance - covariance).norm(), kShare * covariance.norm());
+    EXPECT_EQ(refined[k].points, expected[k].points);
+  }
+}
+
 }  // namespace
 }  // namespace gastronaut::slam

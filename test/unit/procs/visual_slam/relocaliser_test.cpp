@@ -121,5 +121,21 @@ TEST(Relocaliser, RefusesAnotherGrid) {
   EXPECT_THROW(filled().candidates(frame, 1), std::invalid_argument);
 }
 
+TEST(Relocaliser, ProposesTheSamePlaceInAnotherFrameAndOtherMetres) {
+  Relocaliser relocaliser = filled();
+  Frame seen = look(pose({3e-3, 4e-3, 0}, {0, 0, 15 * kDegree}));
+  const auto before = relocaliser.candidates(seen, 1);
+  const Similarity similarity{1.1, so3_exp({0.5, -1, 2}), {0.1, 0.2, -0.3}};
+  relocaliser.transform(similarity);
+  for (float& depth : seen.depth.values) depth *= static_cast<float>(similarity.scale);
+  const auto after = relocaliser.candidates(seen, 1);
+  ASSERT_EQ(before.size(), 1U);
+  ASSERT_EQ(after.size(), 1U);
+  constexpr double kRounding = 1e-6;  // depths are floats
+  const SE3 expected = similarity * before[0];
+  EXPECT_LT((after[0].translation - expected.translation).norm(), kRounding);
+  EXPECT_LT(angle_between(after[0].rotation, expected.rotation), kRounding / kBasinMetres);
+}
+
 }  // namespace
 }  // namespace gastronaut::slam

@@ -215,5 +215,15 @@ TEST_F(SurfelFile, PlyReadsBackWithNamedColumns) {
   EXPECT_EQ(rows, expected);
 }
 
+TEST_F(SurfelFile, ScaleComesBackAndNonsenseIsRefused) {
+  constexpr double kScale = 1.0 / 3;
+  save_map(path("map"), {some_surfels(), some_viewpoints(), kScale});
+  EXPECT_EQ(load_map(path("map")).depth_scale, kScale);
+  for (const double wrong : {-1.0, std::numeric_limits<double>::quiet_NaN()}) {
+    save_map(path("map"), {some_surfels(), some_viewpoints(), wrong});
+    EXPECT_THROW(load_map(path("map")), std::runtime_error);
+  }
+}
+
 }  // namespace
 }  // namespace gastronaut::slam

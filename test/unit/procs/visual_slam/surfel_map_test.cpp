@@ -459,5 +459,85 @@ TEST(SurfelMap, RoomOfMetresBehavesAsACavityOfMillimetres) {
   }
 }
 
+TEST(SurfelMap, LooksTheSameInAnotherFrameAndOtherMetres) {
+  const Similarity similarity{1.1, so3_exp({0.5, -1, 2}), {0.1, 0.2, -0.3}};
+  SurfelMap map(test_options());
+  watch(map, kTiltedWall, 3);
+  const ModelView before = view_of(map);
+  map.take_increment();
+  map.transform(similarity);
+  const ModelView after = view_of(map, similarity * SE3{});
+  EXPECT_EQ(map.take_increment().changed.size(), static_cast<std::size_t>(map.size()));
+  constexpr double kRounding = 1e-4;  // of surfels a tenth of a metre off, as floats
+  double most = 0;
+  std::size_t seen = 0;
+  for (std::size_t k = 0; k < before.depth.size(); ++k) {
+    if (!(before.depth.values[k] > 0 && after.depth.values[k] > 0)) continue;
+    ++seen;
+    const double expected = similarity.scale * static_cast<double>(before.depth.values[k]);
+    most = std::max(
+        {most, std::abs(static_cast<double>(after.depth.values[k]) / expected - 1),
+         std::abs(static_cast<double>(after.normal_z.values[k] - before.normal_z.values[k]))});
+  }
+  EXPECT_GT(seen, before.depth.size() * 9 / 10);
+  EXPECT_LT(most, kRounding);
+  // And goes on from there.
+  Frame frame = frame_of(kTiltedWall, {}, 3 * kFramePeriod);
+  for (float& depth : frame.depth.values) depth *= static_cast<float>(similarity.scale);
+  const int size = map.size();
+  const FuseReport report = fuse_seen(map, frame, similarity * SE3{});
+  EXPECT_GT(report.associated, size / 2);
+  EXPECT_LT(map.size(), 1.1 * size);
+}
+
+constexpr double kShadingStd = 0.03;  // of a depth that is wrong smoothly
+
+// A wall that has come nearer, or gone farther, while nobody looked: the old one must not show.
+TEST(SurfelMap, GivesWayToAFrameThatIsRight) {
+  for (const double moved : {0.86, 1.14}) {
+    SCOPED_TRACE(moved);
+    const Surface now = plane({0, 0, moved * kDistance}, {0, 0, -1});
+    SurfelMap map(test_options());
+    std::int64_t utime = watch(map, kWall, kFramesUntilStable);
+    Frame frame = frame_of(now, {}, utime);
+    frame.relative_std = kShadingStd;
+    map.give_way(frame, {});
+    fuse_seen(map, frame, {});
+    EXPECT_LT(depth_errors(view_of(map), now).most, 0.2 * kDistance * std::abs(1 - moved));
+    for (const std::int32_t id : ids_of(map)) {
+      EXPECT_LE(static_cast<double>(map.surfels().confidence[static_cast<std::size_t>(id)]),
+                test_options().stable_confidence);
+    }
+  }
+}
+
+TEST(SurfelMap, WhatTheFrameDoesNotContradictStays) {
+  SurfelMap map(test_options());
+  std::int64_t utime = watch(map, kWall, kFramesUntilStable);
+  const auto before = ids_of(map);
+  Frame frame = frame_of(kWall, {}, utime);
+  frame.relative_std = kShadingStd;
+  for (int v = 0; v < kSceneGrid.height; ++v) frame.depth.at(7, v) = 0;  // nothing measured
+  map.give_way(frame, {});
+  EXPECT_EQ(ids_of(map), before);
+}
+
+TEST(SurfelMap, SurfelsOfAnotherMapGetIdsOfThisOne) {
+  SurfelMap here(test_options());
+  watch(here, kWall, 3);
+  SurfelMap there(test_options());
+  const SE3 beside = pose({0.2, 0, 0}, {0, 0, 0});
+  watch(there, kWall, 3, 0, 0, beside);
+  const int size = here.size();
+  const ModelView before = view_of(here);
+  here.take_increment();
+  here.add(there.surfels());
+  EXPECT_EQ(here.size(), size + there.size());
+  EXPECT_EQ(ids_of(here).size(), static_cast<std::size_t>(here.size()));
+  EXPECT_EQ(here.take_increment().changed.size(), static_cast<std::size_t>(there.size()));
+  expect_same_view(view_of(here), before);
+  EXPECT_EQ(view_of(here, beside).depth.values, view_of(there, beside).depth.values);
+}
+
 }  // namespace
 }  // namespace gastronaut::slam

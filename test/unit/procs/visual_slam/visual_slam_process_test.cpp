@@ -12,12 +12,14 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "bus/memory_bus.hpp"
+#include "gastronaut/capsule_state_t.hpp"
 #include "gastronaut/map_surfels_t.hpp"
 #include "gastronaut/visual_pose_t.hpp"
 #include "numerics/parallel.hpp"
@@ -52,6 +54,8 @@ RigConfiguration rig() {
   configuration.visual_slam.working_distance = slam::kWallDistance;
   configuration.visual_slam.map_interval = 0.2;
   configuration.visual_slam.save_interval = 0.1;
+  // Nobody answers, so that the next picture is all that is waited for.
+  configuration.lag.feedback = 1e-6;
   return configuration;
 }
 
@@ -119,20 +123,37 @@ Pictures pictures_at(int number, double relative_std = kRelativeStd) {
 // x y z nx ny nz red radius confidence.
 using Surfels = std::map<std::int32_t, std::array<float, 9>>;
 
+using Message = std::vector<std::uint8_t>;
+
 // The process, its inputs, and all that it says; what holds for every message is asked of each.
 class Rig {
  public:
-  explicit Rig(const MapFiles& files = {})
+  // What sensor_fusion would say to a VISUAL_POSE.
+  using Fusion = std::function<std::optional<capsule_state_t>(const visual_pose_t&)>;
+
+  explicit Rig(const MapFiles& files = {}, const Fusion& fusion = {})
       : network_([this](const std::string& channel, Bytes payload, std::int64_t) {
+          log.emplace_back(channel, Message(payload.begin(), payload.end()));
+          if (channel == channel::kCapsuleState) return;
           outputs.emplace_back(payload.begin(), payload.end());
           if (channel == channel::kVisualPose) take_pose(payload);
           if (channel == channel::kMapSurfels) take_map(payload);
         }),
         bus(network_.connect()),
-        process_(std::make_unique<VisualSlamProcess>(bus, rig(), files)) {}
+        process_(std::make_unique<VisualSlamProcess>(bus, rig(), files)) {
+    if (!fusion) return;
+    Bus& other = network_.connect();
+    other.subscribe<visual_pose_t>("VISUAL_POSE", 1, [&other, fusion](const visual_pose_t& pose) {
+      if (const auto state = fusion(pose)) other.publish("CAPSULE_STATE", *state);
+    });
+  }
 
-  void inject(const depth_image_t& depth) { network_.inject("DEPTH", encode_message(depth)); }
-  void inject(const image_t& albedo) { network_.inject("ALBEDO", encode_message(albedo)); }
+  void inject(const depth_image_t& depth) { inject("DEPTH", encode_message(depth)); }
+  void inject(const image_t& albedo) { inject("ALBEDO", encode_message(albedo)); }
+  void inject(const std::string& channel, const std::vector<std::uint8_t>& payload) {
+    log.emplace_back(channel, payload);
+    network_.inject(channel, payload);
+  }
   void run() { network_.run_until_idle(); }
   visual_pose_t see(const Pictures& pictures) {
     inject(pictures.albedo);
@@ -146,7 +167,9 @@ class Rig {
     for (int number = begin; number < end; ++number) see(number);
   }
   void finish() {
-    network_.finish([this](std::size_t) { process_->finish(); });
+    network_.finish([this](std::size_t number) {
+      if (number == 0) process_->finish();
+    });
   }
 
  private:
@@ -171,7 +194,10 @@ class Rig {
   void take_map(Bytes payload) {
     map_surfels_t message;
     ASSERT_EQ(decode_message(payload, message), DecodeResult::kOk);
-    EXPECT_EQ(message.reset != 0, maps++ == 0);
+    EXPECT_TRUE(message.reset != 0 || maps > 0);
+    ++maps;
+    resets += message.reset;
+    map_version = message.map_version;
     if (message.reset != 0) surfels.clear();
     for (const std::int32_t id : message.removed) surfels.erase(id);
     for (std::size_t k = 0; k < message.id.size(); ++k) {
@@ -196,8 +222,11 @@ class Rig {
   Bus& bus;
   std::vector<visual_pose_t> poses;
   int maps = 0;
-  Surfels surfels;  // as a listener has them
-  std::vector<std::vector<std::uint8_t>> outputs;
+  int resets = 0;
+  int map_version = 0;
+  Surfels surfels;               // as a listener has them
+  std::vector<Message> outputs;  // of visual_slam
+  std::vector<std::pair<std::string, Message>> log;
 
  private:
   std::unique_ptr<VisualSlamProcess> process_;
@@ -242,6 +271,20 @@ TEST_F(VisualSlamProcessTest, EachFrameHasItsPose) {
   EXPECT_EQ(rig.bus.state(), ProcessState::kRunning);
 }
 
+// The listener has the map as it was kept at the end.
+void expect_listener_has(const Rig& rig, const slam::SurfelArrays& kept) {
+  Surfels expected;
+  for (std::size_t k = 0; k < kept.size(); ++k) {
+    if (!kept.holds(k)) continue;
+    const float grey = std::round(255 * std::clamp(kept.albedo[k], 0.0F, 1.0F));
+    expected[static_cast<std::int32_t>(k)] = {kept.x[k],  kept.y[k],      kept.z[k],
+                                              kept.nx[k], kept.ny[k],     kept.nz[k],
+                                              grey,       kept.radius[k], kept.confidence[k]};
+  }
+  EXPECT_GT(expected.size(), 1000U);
+  EXPECT_TRUE(rig.surfels == expected);
+}
+
 TEST_F(VisualSlamProcessTest, IncrementsSumUpToTheMap) {
   for (const double relative_std : {kRelativeStd, 0.03}) {
     Rig rig(map_file(std::to_string(relative_std)));
@@ -254,18 +297,8 @@ TEST_F(VisualSlamProcessTest, IncrementsSumUpToTheMap) {
     }
     rig.finish();
     EXPECT_GT(rig.maps, 3);
-    const slam::SurfelArrays kept =
-        slam::load_map(map_file(std::to_string(relative_std)).map).surfels;
-    Surfels expected;
-    for (std::size_t k = 0; k < kept.size(); ++k) {
-      if (!kept.holds(k)) continue;
-      const float grey = std::round(255 * std::clamp(kept.albedo[k], 0.0F, 1.0F));
-      expected[static_cast<std::int32_t>(k)] = {kept.x[k],  kept.y[k],      kept.z[k],
-                                                kept.nx[k], kept.ny[k],     kept.nz[k],
-                                                grey,       kept.radius[k], kept.confidence[k]};
-    }
-    EXPECT_GT(expected.size(), 1000U);
-    EXPECT_TRUE(rig.surfels == expected);
+    EXPECT_EQ(rig.resets, 1);
+    expect_listener_has(rig, slam::load_map(map_file(std::to_string(relative_std)).map).surfels);
   }
 }
 
@@ -483,6 +516,7 @@ TEST_F(VisualSlamProcessTest, RestartGoesOnWithTheKeptMap) {
   const visual_pose_t pose = after.see(pictures_of(camera_at(24), utime_of(40), kRelativeStd));
   EXPECT_EQ(pose.status, kRelocalised);
   expect_at(pose, camera_at(24));
+  after.finish();
   EXPECT_GE(after.surfels.size(), before.surfels.size() / 2);  // announced as it was kept
   Rig without;
   EXPECT_EQ(without.see(pictures_of(camera_at(24), utime_of(40), kRelativeStd)).status, kOk);
@@ -543,6 +577,184 @@ TEST_F(VisualSlamProcessTest, NothingSeenNothingKept) {
   rig.finish();
   EXPECT_TRUE(rig.outputs.empty());
   EXPECT_FALSE(std::filesystem::exists(map_file().map));
+}
+
+// Where the scene is in the rig, and fusion that knows it.
+const SE3 kRigTScene{so3_exp({2.5, 0.7, -0.4}), {0.02, -0.03, -0.06}};
+
+capsule_state_t state_at(const SE3& scene_T_camera, std::int64_t utime) {
+  constexpr double kVariance = 1e-8;  // of 0.1 mm and 0.1 mrad
+  const SE3 rig_T_camera = kRigTScene * scene_T_camera;
+  capsule_state_t state{};
+  state.utime = utime;
+  state.status = capsule_state_t::STATUS_NOMINAL;
+  std::copy_n(rig_T_camera.translation.data(), 3, state.position);
+  const Eigen::Quaterniond& q = rig_T_camera.rotation;
+  const double wxyz[] = {q.w(), q.x(), q.y(), q.z()};
+  std::copy_n(wxyz, 4, state.orientation);
+  for (int i = 0; i < 6; ++i) state.covariance[i][i] = kVariance;
+  state.depth_scale = 1;
+  return state;
+}
+int number_of(std::int64_t utime) {
+  return static_cast<int>((utime - slam::kStart) / slam::kPeriod);
+}
+capsule_state_t answer_to(const visual_pose_t& pose) {
+  return state_at(camera_at(number_of(pose.utime)), pose.utime);
+}
+
+TEST_F(VisualSlamProcessTest, FusionTakesPosesAndMapToTheRig) {
+  constexpr int kKnown = 13;  // frames until fusion knows where the capsule is
+  for (const double relative_std : {kRelativeStd, 0.03}) {
+    SCOPED_TRACE(relative_std);
+    const MapFiles files = map_file(std::to_string(relative_std));
+    Rig rig(files, [](const visual_pose_t& pose) {
+      capsule_state_t state = answer_to(pose);
+      if (number_of(pose.utime) < kKnown) state.status = capsule_state_t::STATUS_INITIALISING;
+      return std::optional(state);
+    });
+    for (int k = 0; k < 40; ++k) rig.see(pictures_at(k, relative_std));
+    for (std::size_t k = 0; k < rig.poses.size(); ++k) {
+      const visual_pose_t& pose = rig.poses[k];
+      EXPECT_EQ(pose.status, kOk) << k;
+      // A keyframe may be being refined when it is time.
+      EXPECT_TRUE(k > kKnown || pose.map_version == 0) << k;
+      EXPECT_TRUE(k <= kKnown + 2 || pose.map_version == 1) << k;
+    }
+    if (relative_std == kRelativeStd) {
+      expect_at(rig.poses[kKnown], camera_at(kKnown));
+      expect_at(rig.poses.back(), kRigTScene * camera_at(39));
+    }
+    rig.finish();
+    EXPECT_EQ(rig.resets, 2);
+    EXPECT_EQ(rig.map_version, 1);
+    EXPECT_EQ(rig.bus.describe_health(), "");
+    expect_listener_has(rig, slam::load_map(files.map).surfels);
+  }
+}
+
+TEST_F(VisualSlamProcessTest, ImpossibleStatesAreIgnoredAndSaid) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const std::vector<std::function<void(capsule_state_t&)>> faults = {
+      [](auto& s) { s.position[1] = kNan; },
+      [](auto& s) { s.position[1] = 1e300; },
+      [](auto& s) { s.orientation[0] = kInfinity; },
+      [](auto& s) { std::fill_n(s.orientation, 4, 0.0); },
+      [](auto& s) { std::fill_n(s.orientation, 4, 1.0); },
+      [](auto& s) { s.velocity[0] = kNan; },
+      [](auto& s) { s.angular_velocity[2] = kInfinity; },
+      [](auto& s) { s.covariance[0][0] = kNan; },
+      [](auto& s) { s.covariance[2][4] = kInfinity; },
+      [](auto& s) { s.covariance[5][5] = -1; },
+      [](auto& s) { s.depth_scale = kNan; },
+      [](auto& s) { s.depth_scale = 0; },
+      [](auto& s) { s.depth_scale = -1; },
+      [](auto& s) { s.depth_scale = 2.1; },
+      [](auto& s) { s.depth_scale = 0.49; },
+  };
+  Rig rig({}, [&](const visual_pose_t& pose) {
+    capsule_state_t state = answer_to(pose);
+    faults[static_cast<std::size_t>(number_of(pose.utime)) % faults.size()](state);
+    return std::optional(state);
+  });
+  for (int k = 0; k < 2 * static_cast<int>(faults.size()); ++k) {
+    EXPECT_EQ(rig.see(k).status, kOk) << k;
+    expect_at(rig.poses.back(), camera_at(k));
+    EXPECT_TRUE(k == 0 || rig.bus.describe_health().find("CAPSULE_STATE") != std::string::npos);
+  }
+  EXPECT_EQ(rig.map_version, 0);
+  EXPECT_EQ(rig.resets, 1);
+}
+
+TEST_F(VisualSlamProcessTest, SilentFusionIsSaidAndChangesNoPose) {
+  const auto outputs = [](const Rig::Fusion& fusion) {
+    Rig rig({}, fusion);
+    for (int k = 0; k < 20; ++k) rig.see(pictures_at(k, 0.03));
+    EXPECT_THAT(rig.bus.describe_health(),
+                HasSubstr("sensor_fusion is silent: the map is merged at vision's own poses"));
+    rig.finish();
+    std::vector<Message> poses;
+    for (const visual_pose_t& pose : rig.poses) poses.push_back(encode_message(pose));
+    return poses;
+  };
+  const auto expected = outputs({});
+  EXPECT_TRUE(outputs([](const auto&) { return std::nullopt; }) == expected);
+}
+
+TEST_F(VisualSlamProcessTest, FusionThatFallsSilentAndComesBackIsUsedAgain) {
+  Rig rig({}, [](const visual_pose_t& pose) {
+    const int number = number_of(pose.utime);
+    return number < 10 || number >= 20 ? std::optional(answer_to(pose)) : std::nullopt;
+  });
+  for (int k = 0; k < 30; ++k) {
+    EXPECT_EQ(rig.see(k).status, kOk) << k;
+    const bool silent = k > 10 && k < 22;  // noticed, respectively said, a frame later
+    EXPECT_EQ(rig.bus.describe_health().find("sensor_fusion is silent") != std::string::npos,
+              silent)
+        << k;
+    expect_at(rig.poses.back(), k == 0 ? SE3{} : kRigTScene * camera_at(k));
+  }
+  EXPECT_EQ(rig.poses.back().map_version, 1);
+}
+
+// Frames that cannot be used are answered too: so the fused pose is known when it is needed.
+TEST_F(VisualSlamProcessTest, LostVisionBeginsAgainWhereFusionHasTheCamera) {
+  const SE3 elsewhere{Eigen::Quaterniond::Identity(), {0.1, 0, 0}};  // nothing in view is known
+  constexpr int kMoved = 20;
+  const auto truth = [&](int k) { return k < kMoved ? camera_at(k) : elsewhere * camera_at(k); };
+  Rig rig({}, [&](const visual_pose_t& pose) {
+    return std::optional(state_at(truth(number_of(pose.utime)), pose.utime));
+  });
+  rig.follow(0, kMoved);
+  for (int k = kMoved; k < 26; ++k) {
+    Pictures pictures = pictures_at(k);
+    tell(pictures.albedo, "failure", "fluid");
+    EXPECT_EQ(rig.see(pictures).status, kLost);
+  }
+  int k = 26;
+  while (k < 40 && rig.see(pictures_of(truth(k), utime_of(k), kRelativeStd)).status == kLost) ++k;
+  EXPECT_EQ(k, 26 + slam::VisualSlamOptions{}.restart_frames - 1);
+  EXPECT_EQ(rig.poses.back().status, kRelocalised);
+  EXPECT_EQ(rig.poses.back().map_version, 2);
+  EXPECT_THAT(rig.bus.describe_health(), HasSubstr("began again by what fusion knows 1 times"));
+  while (++k < 50) {
+    EXPECT_EQ(rig.see(pictures_of(truth(k), utime_of(k), kRelativeStd)).status, kOk) << k;
+  }
+  rig.finish();
+  EXPECT_EQ(rig.resets, 1);  // the map is still in the same frame
+}
+
+// What was said once, fed to it again.
+TEST_F(VisualSlamProcessTest, SameBytesFromALogThatHasTheAnswers) {
+  Rig rig({}, answer_to);
+  for (int k = 0; k < 20; ++k) rig.see(pictures_at(k, 0.03));
+  rig.finish();
+  Rig again;
+  for (const auto& [channel, payload] : rig.log) {
+    if (channel == channel::kVisualPose || channel == channel::kMapSurfels) continue;
+    again.inject(channel, payload);
+    again.run();
+  }
+  again.finish();
+  EXPECT_EQ(rig.poses.back().map_version, 1);
+  EXPECT_EQ(again.outputs.size(), rig.outputs.size());
+  EXPECT_TRUE(again.outputs == rig.outputs);
+}
+
+TEST_F(VisualSlamProcessTest, KeptMapInTheRigStaysThere) {
+  {
+    Rig before(map_file(), answer_to);
+    before.follow(0, 30);
+    before.finish();
+  }
+  Rig after(map_file(), answer_to);
+  EXPECT_EQ(after.see(24).status, kRelocalised);
+  for (int k = 25; k < 30; ++k) {
+    EXPECT_EQ(after.see(k).status, kOk);
+    expect_at(after.poses.back(), kRigTScene * camera_at(k));
+    EXPECT_EQ(after.poses.back().map_version, 0);
+  }
 }
 
 }  // namespace

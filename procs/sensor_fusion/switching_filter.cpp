@@ -1,0 +1,505 @@
+#include "sensor_fusion/switching_filter.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+#include <stdexcept>
+
+namespace gastronaut::fusion {
+namespace {
+
+constexpr double kMicrosecond = 1e-6;
+constexpr double kStartConfidence = 0.9;
+constexpr double kLongestStep = 60;       // seconds: after a longer gap nothing more is forgotten
+constexpr double kUsualInterval = 0.05;   // seconds, until a sensor's own is known
+constexpr double kLongestInterval = 0.2;  // no sensor is expected to be slower
+constexpr double kIntervalMemory = 0.1;
+constexpr double kLeastSilence = 0.1;  // seconds
+constexpr int kMostSilences = 50;      // counted at once: by then the sensor has failed anyway
+// Histories that differ little are many, and cost time: the likeliest are kept.
+constexpr std::size_t kMostBeliefs = 12;
+constexpr double kLeastHistory = 1e-6;  // weight
+constexpr double kOpenRoll = 0.5;       // radians, one sigma: no Gaussian is that wide
+// Where nothing is known of the capsule it is within this of the array's centre.
+constexpr double kSearchBox = 0.3;  // metres
+// How fast a sensor's noise is learnt, a measurement; outliers count as so many sigmas at most.
+constexpr double kLearningRate[kNumSensors] = {0.002, 0.01};
+// What the check of the calibration starts from, one sigma.
+constexpr double kUnknownPosition = 3e-3;    // metres
+constexpr double kUnknownAxis = 0.05;        // radians
+constexpr double kUnknownTimeOffset = 1e-2;  // seconds
+// Vision may drift so many times faster than it seems before the calibration is blamed.
+constexpr double kPatienceWithDrift = 4;
+constexpr double kInnovationMemory = 0.02;
+constexpr double kDriftLearningRate = 0.15;
+constexpr double kMostDriftInflation = 400;
+constexpr double kMostSurprise = 4;
+constexpr double kMostInflation = 25;
+
+bool is_covariance(const Eigen::MatrixXd& matrix) {
+  return matrix.allFinite() && matrix.isApprox(matrix.transpose(), 1e-6) &&
+         Eigen::LLT<Eigen::MatrixXd>(matrix).info() == Eigen::Success;
+}
+
+bool is_good(const MagneticFix& fix) {
+  constexpr double kUnit = 1e-3;
+  return fix.position.allFinite() && fix.axis.allFinite() &&
+         std::abs(fix.axis.norm() - 1) < kUnit && is_covariance(fix.covariance);
+}
+
+bool is_good(const SE3& pose) {
+  constexpr double kUnit = 1e-3;
+  return pose.translation.allFinite() && pose.rotation.coeffs().allFinite() &&
+         std::abs(pose.rotation.norm() - 1) < kUnit;
+}
+
+// The part of a symmetric matrix that is not negative.
+Matrix6d positive_part(const Matrix6d& matrix) {
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(matrix);
+  return solver.eigenvectors() * solver.eigenvalues().cwiseMax(0).asDiagonal() *
+         solver.eigenvectors().transpose();
+}
+
+// A failed sensor errs by more than it says, or gives anything at all. The second is what counts
+// where little is known of the pose: one reading must not decide then, the next ones do.
+SwitchLikelihood likelihood_of(const Gain& gain, double failed_spread, double log_anything) {
+  const auto size = static_cast<double>(gain.whitened.size());
+  const double near = -0.5 * (gain.chi2 / (failed_spread * failed_spread) + gain.log_det) -
+                      size * std::log(failed_spread);
+  const double larger = std::max(near, log_anything);
+  const double smaller = std::min(near, log_anything);
+  return {gain.log_density, larger + std::log1p(std::exp(smaller - larger)) - std::log(2.0)};
+}
+
+// Density of a measurement that can be anything: positions within the search box, axes on the
+// sphere, rotations of any kind.
+double log_density_of_anything(Sensor sensor, Eigen::Index size) {
+  const double position = -3 * std::log(kSearchBox);
+  const double axis = -std::log(4 * std::numbers::pi);
+  const double rotation = -std::log(8 * std::numbers::pi * std::numbers::pi);
+  if (sensor == Sensor::kMagnetic) return size == 3 ? position : position + axis;
+  return size == 3 ? rotation : position + rotation;
+}
+
+}  // namespace
+
+SwitchingFilter::SwitchingFilter(const FilterOptions& options)
+    : options_(options),
+      particles_(options.particles, options.alpha_memory, options.seed, kStartConfidence) {
+  if (options.rolls < 1 || !(options.failed_spread > 1) || !(options.unusable_share > 0) ||
+      !(options.unusable_share < 1)) {
+    throw std::invalid_argument(
+        "sensor_fusion: rolls must be positive, failed_spread above 1, unusable_share in (0, 1)");
+  }
+}
+
+// A fix of the magnet: what all beliefs expected of it says how likely each is.
+FusedState SwitchingFilter::update(const MagneticMeasurement& measurement) {
+  const bool is_usable = measurement.is_usable && is_good(measurement.fix);
+  advance(measurement.utime);
+  note_arrival(Sensor::kMagnetic, measurement.utime);
+  notice_silence(Sensor::kVisual, measurement.utime);
+  if (!is_usable) {
+    count_unusable(Sensor::kMagnetic, measurement.is_usable ? "corrupt" : measurement.cause);
+    return state(measurement.utime);
+  }
+  MagneticFix fix = measurement.fix;
+  fix.axis.normalize();
+  fix.covariance *= record(Sensor::kMagnetic).inflation;
+  const Eigen::Matrix<double, 3, 2> tangent = perpendicular_basis(fix.axis);
+  bias_covariance_.topLeftCorner<3, 3>() =
+      options_.model.bias_share * fix.covariance.topLeftCorner<3, 3>();
+  bias_covariance_.bottomRightCorner<3, 3>() = options_.model.bias_share * tangent *
+                                               fix.covariance.bottomRightCorner<2, 2>() *
+                                               tangent.transpose();
+  if (beliefs_.empty()) {
+    begin(fix);
+    return state(measurement.utime);
+  }
+  const bool with_axis = !options_.position_and_rotation_only || !has_begun_;
+  assimilate(Sensor::kMagnetic, measurement.utime, [&](const CapsuleBelief& belief) {
+    return belief.observe_magnet(fix, options_.model.bias_share, with_axis);
+  });
+  const SensorRecord& magnetic = record(Sensor::kMagnetic);
+  if (magnetic.refused &&
+      static_cast<double>(measurement.utime - *magnetic.refused) * kMicrosecond >
+          options_.magnetic_patience) {
+    begin_again(fix);
+  }
+  return state(measurement.utime);
+}
+
+// A pose of vision: in a map whose place in the rig each belief has its own idea of.
+FusedState SwitchingFilter::update(const VisualMeasurement& measurement) {
+  const bool is_usable = measurement.is_usable && is_good(measurement.map_T_camera);
+  advance(measurement.utime);
+  note_arrival(Sensor::kVisual, measurement.utime);
+  notice_silence(Sensor::kMagnetic, measurement.utime);
+  if (!is_usable) {
+    count_unusable(Sensor::kVisual, measurement.is_usable ? "corrupt" : measurement.cause);
+  } else if (!beliefs_.empty()) {
+    meet_map(measurement);
+    if (!beliefs_.front().has_map) {
+      establish_maps(measurement);
+    } else {
+      let_maps_drift(measurement);
+      const Matrix6d noise = visual_noise(measurement);
+      const bool rotation_only = options_.position_and_rotation_only && has_begun_;
+      assimilate(Sensor::kVisual, measurement.utime, [&](const CapsuleBelief& belief) {
+        return belief.observe_camera(measurement.map_T_camera, noise, rotation_only);
+      });
+    }
+    last_map_T_camera_ = measurement.map_T_camera;
+    if (!measurement.is_degraded) well_held_ = measurement.covariance;
+    const SensorRecord& visual = record(Sensor::kVisual);
+    if (visual.refused && static_cast<double>(measurement.utime - *visual.refused) * kMicrosecond >
+                              options_.visual_patience) {
+      for (CapsuleBelief& belief : beliefs_) belief.has_map = false;
+      record(Sensor::kVisual).refused.reset();
+    }
+  }
+  const FusedState result = state(measurement.utime);
+  told_scale_ = result.depth_scale;
+  return result;
+}
+
+void SwitchingFilter::advance(std::int64_t utime) {
+  const double elapsed = static_cast<double>(utime - utime_) * kMicrosecond;
+  utime_ = utime;
+  if (!(elapsed > 0)) return;
+  for (CapsuleBelief& belief : beliefs_) {
+    belief.predict(std::min(elapsed, kLongestStep), options_.model, bias_covariance_);
+  }
+  if (check_) check_->predict(std::min(elapsed, kLongestStep), options_.model, bias_covariance_);
+}
+
+void SwitchingFilter::note_arrival(Sensor sensor, std::int64_t utime) {
+  SensorRecord& arrived = record(sensor);
+  if (arrived.last) {
+    const double interval = static_cast<double>(utime - *arrived.last) * kMicrosecond;
+    if (arrived.interval == 0) arrived.interval = std::min(interval, kLongestInterval);
+    if (interval < kLongestInterval) {
+      arrived.interval += kIntervalMemory * (interval - arrived.interval);
+    }
+  }
+  arrived.last = utime;
+  arrived.silence_noticed = utime;
+}
+
+// Of a sensor that says nothing every measurement that it owes is an unusable one.
+void SwitchingFilter::notice_silence(Sensor sensor, std::int64_t utime) {
+  SensorRecord& quiet = record(sensor);
+  if (!quiet.last) quiet.last = quiet.silence_noticed = utime;
+  const double interval = quiet.interval > 0 ? quiet.interval : kUsualInterval;
+  const double silent_for = static_cast<double>(utime - *quiet.last) * kMicrosecond;
+  if (silent_for < std::max(kLeastSilence, options_.silence * interval)) return;
+  const auto step = static_cast<std::int64_t>(interval / kMicrosecond) + 1;
+  for (int i = 0; i < kMostSilences && quiet.silence_noticed + step <= utime; ++i) {
+    quiet.silence_noticed += step;
+    count_unusable(sensor, "silent");
+  }
+  quiet.silence_noticed = std::max(quiet.silence_noticed, utime - step);
+}
+
+void SwitchingFilter::count_unusable(Sensor sensor, const std::string& cause) {
+  record(sensor).told_cause = cause;
+  record(sensor).refused.reset();
+  const std::size_t beliefs = std::max<std::size_t>(beliefs_.size(), 1);
+  const double nominal = particles_.update(
+      static_cast<std::size_t>(sensor),
+      std::vector<SwitchLikelihood>(beliefs, {std::log(options_.unusable_share), 0.0}));
+  // The pose is the same whether or not the sensor has failed: one history.
+  std::vector<int> number;
+  for (std::size_t i = 0; i < beliefs; ++i) number.insert(number.end(), 2, static_cast<int>(i));
+  particles_.renumber(number);
+  particles_.resample();
+  set_health(sensor, nominal);
+  record(sensor).health.is_used = false;
+}
+
+void SwitchingFilter::begin(const MagneticFix& fix) {
+  CapsuleBelief belief;
+  belief.magnet_position = options_.camera_T_magnet.translation;
+  belief.magnet_axis = options_.camera_T_magnet.rotation * Eigen::Vector3d::UnitZ();
+  belief.time_offset = options_.time_offset;
+  ErrorMatrix& c = belief.covariance;
+  const auto square = [](double value) { return value * value; };
+  c.diagonal().segment<3>(kVelocity).setConstant(square(options_.start_velocity_std));
+  c.diagonal().segment<3>(kTurn).setConstant(square(options_.start_turn_std));
+  c(kMapScale, kMapScale) = square(options_.depth_scale_std);
+  c.block<6, 6>(kPositionBias, kPositionBias) = bias_covariance_;
+  c.diagonal().segment<3>(kMagnetPosition).setConstant(square(options_.hand_eye_position_std));
+  c.diagonal().segment<2>(kMagnetAxis).setConstant(square(options_.hand_eye_axis_std));
+  c(kTimeOffset, kTimeOffset) = square(options_.time_offset_std);
+
+  belief.position = fix.position;
+  belief.rig_R_camera =
+      Eigen::Quaterniond::FromTwoVectors(belief.magnet_axis, fix.axis).normalized();
+  c.block<3, 3>(kPosition, kPosition) = fix.covariance.topLeftCorner<3, 3>();
+  const Eigen::Matrix<double, 3, 2> tangent =
+      belief.rig_R_camera.conjugate().toRotationMatrix() * perpendicular_basis(fix.axis);
+  c.block<3, 3>(kRotation, kRotation) =
+      tangent * fix.covariance.bottomRightCorner<2, 2>() * tangent.transpose();
+  begin_rolls(belief);
+}
+
+void SwitchingFilter::begin_rolls(const CapsuleBelief& belief) {
+  const double step = 2 * std::numbers::pi / options_.rolls;
+  beliefs_.clear();
+  for (int i = 0; i < options_.rolls; ++i) {
+    // Neighbours meet at two sigmas.
+    beliefs_.push_back(belief.rolled(i * step, step * step / 4));
+  }
+  particles_.spread(beliefs_.size());
+  has_begun_ = false;
+}
+
+// The magnet is absolute: where it has contradicted for long, the pose was wrong.
+void SwitchingFilter::begin_again(const MagneticFix& fix) {
+  beliefs_.clear();
+  check_.reset();
+  record(Sensor::kMagnetic).refused.reset();
+  record(Sensor::kMagnetic).inflation = 1;
+  begin(fix);
+}
+
+void SwitchingFilter::meet_map(const VisualMeasurement& measurement) {
+  if (map_version_ == measurement.map_version) return;
+  // A step up: visual_slam has taken over the scale that it was told. A step down: it has begun
+  // again from nothing.
+  check_.reset();
+  const double before = scale_of_map_;
+  if (map_version_) scale_of_map_ = measurement.map_version > *map_version_ ? told_scale_ : 1;
+  for (CapsuleBelief& belief : beliefs_) {
+    belief.has_map = false;
+    belief.map_scale *= before / scale_of_map_;
+  }
+  map_version_ = measurement.map_version;
+  last_map_T_camera_.reset();
+}
+
+void SwitchingFilter::establish_maps(const VisualMeasurement& measurement) {
+  if (has_begun_) {
+    const FusedState now = state(measurement.utime);
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> rotation(
+        now.covariance.bottomRightCorner<3, 3>(), Eigen::EigenvaluesOnly);
+    if (rotation.eigenvalues()(2) > kOpenRoll * kOpenRoll) {
+      begin_rolls(CapsuleBelief(beliefs_[likeliest()]));
+    }
+  }
+  const BeliefModel& model = options_.model;
+  const Matrix6d noise = swinging_noise(model.visual_position_std * model.working_distance,
+                                        model.visual_rotation_std, model.working_distance);
+  for (CapsuleBelief& belief : beliefs_) belief.establish_map(measurement.map_T_camera, noise);
+  check_.reset();
+  if (has_begun_) begin_check();
+}
+
+// The likeliest belief, but with a calibration that is hardly known.
+void SwitchingFilter::begin_check() {
+  check_ = beliefs_[likeliest()];
+  check_->learns_calibration = true;
+  ErrorMatrix& c = check_->covariance;
+  c.middleRows<kCalibrationSize>(kCalibration).setZero();
+  c.middleCols<kCalibrationSize>(kCalibration).setZero();
+  c.diagonal().segment<3>(kMagnetPosition).setConstant(kUnknownPosition * kUnknownPosition);
+  c.diagonal().segment<2>(kMagnetAxis).setConstant(kUnknownAxis * kUnknownAxis);
+  c(kTimeOffset, kTimeOffset) = kUnknownTimeOffset * kUnknownTimeOffset;
+}
+
+// Along the path since the last frame.
+void SwitchingFilter::let_maps_drift(const VisualMeasurement& measurement) {
+  if (!last_map_T_camera_) return;
+  const BeliefModel& model = options_.model;
+  const SE3 moved = last_map_T_camera_->inverse() * measurement.map_T_camera;
+  const double inflation = record(Sensor::kVisual).inflation * drift_inflation_;
+  const auto drift = [&](CapsuleBelief& belief, double factor) {
+    const double path = belief.map_scale * moved.translation.norm() / model.working_distance +
+                        angle_between(moved.rotation, Eigen::Quaterniond::Identity());
+    belief.let_map_drift(factor * path *
+                             swinging_noise(model.drift_position * model.working_distance,
+                                            model.drift_rotation, model.working_distance),
+                         factor * path * model.drift_scale * model.drift_scale);
+  };
+  for (CapsuleBelief& belief : beliefs_) drift(belief, inflation);
+  if (check_) drift(*check_, kPatienceWithDrift * inflation);
+}
+
+// Vision's noise from frame to frame; where it says that it is held worse than it was, that too.
+Matrix6d SwitchingFilter::visual_noise(const VisualMeasurement& measurement) const {
+  const BeliefModel& model = options_.model;
+  Matrix6d noise = record(Sensor::kVisual).inflation *
+                   swinging_noise(model.visual_position_std * model.working_distance,
+                                  model.visual_rotation_std, model.working_distance);
+  if (measurement.is_degraded && well_held_ && is_covariance(measurement.covariance)) {
+    noise += positive_part(measurement.covariance - *well_held_);
+  }
+  return noise;
+}
+
+void SwitchingFilter::assimilate(Sensor sensor, std::int64_t utime, const Observe& observe) {
+  std::vector<Gain> gains;
+  std::vector<SwitchLikelihood> likelihoods;
+  for (const CapsuleBelief& belief : beliefs_) {
+    gains.push_back(belief.weigh(observe(belief)));
+    const double anything = log_density_of_anything(sensor, gains.back().whitened.size());
+    likelihoods.push_back(likelihood_of(gains.back(), options_.failed_spread, anything));
+  }
+  record(sensor).told_cause.clear();
+  const double nominal = particles_.update(static_cast<std::size_t>(sensor), likelihoods);
+  set_health(sensor, nominal);
+  SensorRecord& used = record(sensor);
+  used.health.is_used = !failed(sensor);
+  if (used.health.is_used) {
+    learn_noise(sensor, gains);
+    used.refused.reset();
+    if (check_) check_->update(check_->weigh(observe(*check_)));
+  } else if (!used.refused) {
+    used.refused = utime;
+  }
+  branch(gains);
+}
+
+// A sensor whose innovations are larger than they should be is noisier than it says.
+void SwitchingFilter::learn_noise(Sensor sensor, const std::vector<Gain>& gains) {
+  const Gain& gain = gains[likeliest()];
+  const double surprise =
+      std::min(gain.chi2 / static_cast<double>(gain.whitened.size()), kMostSurprise);
+  SensorRecord& learnt = record(sensor);
+  learnt.inflation = std::clamp(
+      learnt.inflation * std::exp(kLearningRate[static_cast<std::size_t>(sensor)] * (surprise - 1)),
+      1.0, kMostInflation);
+  if (sensor == Sensor::kMagnetic) learn_drift(gain);
+}
+
+// Innovations of a filter that models its sensors well are white (Mehra 1970).
+void SwitchingFilter::learn_drift(const Gain& magnetic) {
+  Eigen::Vector3d innovation = magnetic.whitened.head<3>();
+  innovation *= std::min(1.0, kMostSurprise / std::max(innovation.norm(), 1e-9));
+  const double likeness = innovation.dot(recent_innovation_) / 3;
+  recent_innovation_ += kInnovationMemory * (innovation - recent_innovation_);
+  drift_inflation_ = std::clamp(drift_inflation_ * std::exp(kDriftLearningRate * likeness), 1.0,
+                                kMostDriftInflation);
+}
+
+std::size_t SwitchingFilter::likeliest() const {
+  const std::vector<double> weights = particles_.belief_weights(beliefs_.size());
+  return static_cast<std::size_t>(std::max_element(weights.begin(), weights.end()) -
+                                  weights.begin());
+}
+
+// Each history of switches that particles hold becomes a belief of its own.
+void SwitchingFilter::branch(const std::vector<Gain>& gains) {
+  const std::vector<double> weights = particles_.history_weights(beliefs_.size());
+  std::vector<std::size_t> order(weights.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&weights](std::size_t a, std::size_t b) { return weights[a] > weights[b]; });
+  const std::size_t most =
+      has_begun_
+          ? kMostBeliefs
+          : std::max<std::size_t>(kMostBeliefs, 2 * static_cast<std::size_t>(options_.rolls));
+  std::vector<int> number(weights.size(), -1);
+  std::vector<CapsuleBelief> next;
+  for (const std::size_t history : order) {
+    if (next.size() == most || (weights[history] < kLeastHistory && !next.empty())) break;
+    number[history] = static_cast<int>(next.size());
+    next.push_back(beliefs_[history / 2]);
+    if (history % 2 == 1) next.back().update(gains[history / 2]);
+  }
+  beliefs_ = std::move(next);
+  particles_.renumber(number);
+  particles_.resample();
+}
+
+void SwitchingFilter::set_health(Sensor sensor, double nominal) {
+  SensorRecord& changed = record(sensor);
+  changed.health.nominal = nominal;
+  changed.health.alpha = particles_.confidence(static_cast<std::size_t>(sensor));
+  changed.health.cause.clear();
+  if (!failed(sensor)) return;
+  changed.health.cause =
+      changed.told_cause.empty() ? "contradicts the other sensor" : changed.told_cause;
+}
+
+bool SwitchingFilter::failed(Sensor sensor) const {
+  return record(sensor).health.nominal < options_.failure_threshold;
+}
+
+FusedState SwitchingFilter::state(std::int64_t utime) {
+  FusedState result;
+  result.utime = utime;
+  for (std::size_t i = 0; i < kNumSensors; ++i) result.sensors[i] = sensors_[i].health;
+  if (beliefs_.empty()) {
+    result.covariance.diagonal() << Eigen::Vector3d::Constant(kSearchBox * kSearchBox),
+        Eigen::Vector3d::Constant(std::numbers::pi * std::numbers::pi / 3);
+    return result;
+  }
+  // Mean and covariance of the mixture, on the tangent of its likeliest part.
+  const std::vector<double> weights = particles_.belief_weights(beliefs_.size());
+  const SE3 centre = beliefs_[likeliest()].rig_T_camera();
+  std::vector<Vector6d> offsets;
+  Vector6d mean = Vector6d::Zero();
+  double log_scale = 0;
+  for (std::size_t i = 0; i < beliefs_.size(); ++i) {
+    const SE3 pose = beliefs_[i].rig_T_camera();
+    Vector6d offset;
+    offset << pose.translation - centre.translation,
+        so3_log(centre.rotation.conjugate() * pose.rotation);
+    mean += weights[i] * offset;
+    offsets.push_back(offset);
+    result.velocity += weights[i] * beliefs_[i].camera_velocity();
+    result.angular_velocity += weights[i] * (pose.rotation.conjugate() * beliefs_[i].turn);
+    log_scale += weights[i] * std::log(beliefs_[i].map_scale);
+  }
+  for (std::size_t i = 0; i < beliefs_.size(); ++i) {
+    const Vector6d offset = offsets[i] - mean;
+    result.covariance += weights[i] * (beliefs_[i].pose_covariance() + offset * offset.transpose());
+  }
+  result.rig_T_camera = {(centre.rotation * so3_exp(mean.tail<3>())).normalized(),
+                         centre.translation + mean.head<3>()};
+  result.depth_scale = scale_of_map_ * std::exp(log_scale);
+
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> rotation(
+      result.covariance.bottomRightCorner<3, 3>(), Eigen::EigenvaluesOnly);
+  if (rotation.eigenvalues()(2) < options_.known_roll * options_.known_roll) has_begun_ = true;
+  const bool magnetic_failed = failed(Sensor::kMagnetic);
+  const bool visual_failed = failed(Sensor::kVisual);
+  if (magnetic_failed && visual_failed) {
+    result.status = FusionStatus::kPredicting;
+  } else if (magnetic_failed || visual_failed) {
+    result.status = FusionStatus::kDegraded;
+  } else {
+    result.status = has_begun_ ? FusionStatus::kNominal : FusionStatus::kInitialising;
+  }
+  if (has_begun_ && !check_ && beliefs_[likeliest()].has_map) begin_check();
+  return result;
+}
+
+CalibrationCheck SwitchingFilter::check_calibration() const {
+  CalibrationCheck check;
+  if (!check_) return check;
+  const Eigen::Vector3d axis = options_.camera_T_magnet.rotation * Eigen::Vector3d::UnitZ();
+  check.magnet_position = check_->magnet_position;
+  check.axis_change =
+      std::atan2(axis.cross(check_->magnet_axis).norm(), axis.dot(check_->magnet_axis));
+  check.time_offset = check_->time_offset;
+  check.time_offset_std = std::sqrt(std::max(0.0, check_->covariance(kTimeOffset, kTimeOffset)));
+
+  Vector5d change;
+  change << check_->magnet_position - options_.camera_T_magnet.translation,
+      perpendicular_basis(axis).transpose() *
+          so3_log(Eigen::Quaterniond::FromTwoVectors(axis, check_->magnet_axis));
+  Matrix5d covariance = check_->covariance.block<5, 5>(kMagnetPosition, kMagnetPosition);
+  covariance.diagonal().head<3>().array() +=
+      options_.hand_eye_position_std * options_.hand_eye_position_std;
+  covariance.diagonal().tail<2>().array() +=
+      options_.hand_eye_axis_std * options_.hand_eye_axis_std;
+  check.hand_eye_chi2 = change.dot(covariance.ldlt().solve(change));
+  return check;
+}
+
+}  // namespace gastronaut::fusion
