@@ -23,6 +23,7 @@ struct Options {
   std::string out;
   std::string surface;
   std::vector<std::size_t> frames;
+  std::vector<std::string> failures;
   bool open = false;
   evaluation::TrajectoryComparison comparison;
 };
@@ -48,6 +49,11 @@ void print_summary(const Metrics& metrics) {
                             ".nees.mean",
                             ".nees.band_low",
                             ".nees.band_high",
+                            ".detection_delay",
+                            ".recovery_delay",
+                            ".ratio_to_nominal",
+                            ".false_alarms.count",
+                            ".jump",
                             ".cramer_rao.position_ratio",
                             ".cramer_rao.axis_ratio",
                             "DEPTH.mean_abs",
@@ -99,10 +105,23 @@ int finish_report(const Options& options) {
   return kExitDone;
 }
 
+std::vector<evaluation::TrueFailure> true_failures(const Options& options) {
+  std::vector<evaluation::TrueFailure> failures;
+  try {
+    for (const std::string& text : options.failures) {
+      failures.push_back(evaluation::parse_failure(text));
+    }
+  } catch (const std::invalid_argument& error) {
+    throw ConfigurationError(std::string("--failure: ") + error.what());
+  }
+  return failures;
+}
+
 int score_log(const Options& options) {
+  const std::vector<evaluation::TrueFailure> failures = true_failures(options);
   make_folder(options.out);
-  print_summary(
-      evaluation::evaluate_log(options.log, options.out, options.frames, options.surface));
+  print_summary(evaluation::evaluate_log(options.log, options.out, options.frames, options.surface,
+                                         failures));
   return finish_report(options);
 }
 
@@ -138,6 +157,11 @@ int run_evaluate(int argc, char** argv) {
   app.add_option("--frames", options.frames,
                  "numbers of the pictures to show, as in 0,100,200 (default: 6 over the log)")
       ->delimiter(',')
+      ->allow_extra_args(false);
+  app.add_option(
+         "--failure", options.failures,
+         "when a sensor was of no use in truth: SENSOR:START-END in seconds from the log's\n"
+         "start, as in visual:7-13; once for each failure")
       ->allow_extra_args(false);
   app.add_flag("--open", options.open, "show the report in the browser");
 

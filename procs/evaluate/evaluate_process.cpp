@@ -1,6 +1,7 @@
 #include "evaluate/evaluate_process.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <gastronaut/capsule_state_t.hpp>
 #include <gastronaut/depth_image_t.hpp>
@@ -50,6 +51,14 @@ Matrix6d covariance_of(const double (&values)[kSize][kSize]) {
     for (int column = 0; column < kSize; ++column) covariance(row, column) = values[row][column];
   }
   return covariance;
+}
+
+// Words of a message, fit for a column of a CSV file and the name of a figure.
+std::string printable(std::string words) {
+  for (char& letter : words) {
+    if (!std::isalnum(static_cast<unsigned char>(letter)) && letter != ' ') letter = '_';
+  }
+  return words;
 }
 
 PoseChannel magnetic_pose_channel() {
@@ -117,7 +126,7 @@ void append(PoseChannel& target, const magnetic_pose_t& message) {
 void append(PoseChannel& target, const visual_pose_t& message) {
   append(target,
          {message.utime, message.status, pose_of(message.position, message.orientation),
-          covariance_of(message.covariance)},
+          covariance_of(message.covariance), message.map_version},
          {message.icp_rms, message.rgb_rms, message.inlier_fraction});
 }
 
@@ -139,6 +148,7 @@ class RunReader {
  private:
   void handle(const LogReader::Event& event);
   void handle_configuration(const rig_config_t& message);
+  void handle_health(const capsule_state_t& message);
   void handle_hall(const hall_array_t& message);
   void handle_depth(depth_image_t message, bool is_truth);
   void handle_map(const map_surfels_t& message);
@@ -188,6 +198,16 @@ void RunReader::handle_configuration(const rig_config_t& message) {
     run_.notes.push_back(std::string("RIG_CONFIG cannot be used, so nothing that needs the "
                                      "magnet's place or the array is computed: ") +
                          error.what());
+  }
+}
+
+void RunReader::handle_health(const capsule_state_t& message) {
+  if (message.status == capsule_state_t::STATUS_INITIALISING) return;
+  for (const sensor_health_t& sensor : message.sensors) {
+    std::vector<SensorHealth>& series = run_.sensor_health[printable(sensor.name)];
+    if (!series.empty() && message.utime < series.back().utime) continue;
+    series.push_back(
+        {message.utime, sensor.p_nominal, sensor.alpha, sensor.used != 0, printable(sensor.cause)});
   }
 }
 
@@ -268,7 +288,10 @@ void RunReader::handle(const LogReader::Event& event) {
   } else if (event.channel == channel::kVisualPose) {
     handle_pose<visual_pose_t>(event, visual_);
   } else if (event.channel == channel::kCapsuleState) {
-    handle_pose<capsule_state_t>(event, state_);
+    if (const auto message = decode<capsule_state_t>(event)) {
+      append(state_, *message);
+      handle_health(*message);
+    }
   } else if (event.channel == channel::kCapsulePose) {
     handle_pose<pose_t>(event, pose_);
   } else if (event.channel == channel::kMapSurfels) {

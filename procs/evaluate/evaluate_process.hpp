@@ -12,6 +12,7 @@
 #include "configuration/rig_configuration.hpp"
 #include "evaluate/depth_errors.hpp"
 #include "evaluate/pose_channel.hpp"
+#include "evaluate/sensor_failures.hpp"
 #include "evaluate/surfel_store.hpp"
 #include "evaluate/trajectory.hpp"
 
@@ -62,6 +63,7 @@ struct RecordedRun {
   std::string damage;                      // of the log, with its offset; empty: none
   TruthTrack truth;                        // rig_T_camera
   std::vector<PoseChannel> pose_channels;  // those with messages
+  SensorHealthSeries sensor_health;
   std::vector<HallReading> hall_readings;
   DepthSeries depth;
   MapRecord map;

@@ -10,6 +10,7 @@
 #include "evaluate/cramer_rao.hpp"
 #include "evaluate/evaluate_process.hpp"
 #include "evaluate/map_evaluation.hpp"
+#include "evaluate/path_comparison.hpp"
 #include "evaluate/picture_evaluation.hpp"
 #include "evaluate/report.hpp"
 #include "evaluate/trajectory_file.hpp"
@@ -142,6 +143,21 @@ void set_distance_metrics(Metrics& metrics, const RigConfiguration& configuratio
   metrics.set_statistics(magnetic.name + ".within_5cm.axis_deg", rotation, kDegreesPerRadian);
 }
 
+// The utime from which the report counts seconds.
+std::int64_t first_measurement(const RecordedRun& run) {
+  std::int64_t first = std::numeric_limits<std::int64_t>::max();
+  if (!run.truth.empty()) first = run.truth.first();
+  for (const PoseChannel& channel : run.pose_channels) {
+    first = std::min(first, channel.fixes.front().utime);
+  }
+  if (!run.depth.frames.empty()) first = std::min(first, run.depth.frames.front().utime);
+  return first;
+}
+
+double failure_threshold(const RecordedRun& run) {
+  return run.configuration.value_or(RigConfiguration{}).sensor_fusion.failure_threshold;
+}
+
 Trajectory truth_trajectory(const TruthTrack& truth, const SE3& camera_T_target) {
   Trajectory trajectory;
   trajectory.utimes = truth.utimes();
@@ -154,7 +170,8 @@ Trajectory truth_trajectory(const TruthTrack& truth, const SE3& camera_T_target)
 }  // namespace
 
 Metrics evaluate_log(const std::string& log, const std::string& folder,
-                     const std::vector<std::size_t>& frames, const std::string& surface) {
+                     const std::vector<std::size_t>& frames, const std::string& surface,
+                     const std::vector<TrueFailure>& failures) {
   RecordedRun run;
   {
     Progress progress("reading " + log);
@@ -173,12 +190,26 @@ Metrics evaluate_log(const std::string& log, const std::string& folder,
   if (run.configuration) bounds = cramer_rao_bounds(run);
   const TruthTrack nothing;
   bool bounds_set = false;
+  bool with_state = false;
   for (const PoseChannel& channel : run.pose_channels) {
     const bool magnet = channel.kind == PoseKind::kMagnet;
     const bool comparable = !magnet || run.configuration.has_value();
     const PoseEvaluation evaluation = evaluate_pose_channel(
         channel, comparable ? run.truth : nothing, magnet ? camera_T_magnet : SE3{});
     set_pose_metrics(metrics, channel, evaluation);
+    if (comparable && channel.name != channel::kCapsulePose) {
+      set_comparison_metrics(metrics, channel.name, run.truth, evaluation.usable,
+                             channel.kind != PoseKind::kCameraInMap);
+    }
+    if (channel.name == channel::kCapsuleState) {
+      for (const std::string& note :
+           set_failure_metrics(metrics, run.sensor_health, channel, evaluation, failures,
+                               first_measurement(run), failure_threshold(run))) {
+        run.notes.push_back(note);
+      }
+      write_sensor_health(folder + "/sensor_health.csv", run.sensor_health);
+      with_state = true;
+    }
     write_tum(folder + "/" + channel.name + ".tum", evaluation.usable.estimate);
     if (magnet) {
       write_tum(folder + "/GROUND_TRUTH_MAGNET.tum", truth_trajectory(run.truth, camera_T_magnet));
@@ -191,6 +222,9 @@ Metrics evaluate_log(const std::string& log, const std::string& folder,
     write_pose_series(
         folder + "/" + channel.name + ".csv", channel, evaluation,
         magnet ? std::span<const BoundSample>(bounds) : std::span<const BoundSample>());
+  }
+  if (!failures.empty() && !with_state) {
+    run.notes.push_back("--failure was given, but the log has no CAPSULE_STATE (sensor_fusion)");
   }
   if (!bounds_set) set_bound_metrics(metrics, bounds, nullptr, nullptr);
   set_depth_metrics(metrics, run.depth);

@@ -320,8 +320,11 @@ class MapPictures {
 // Camera poses in the frame that the placed map is in, by vision or else by truth.
 std::optional<SE3> camera_pose(const RecordedRun& run, const Placed& placed, std::int64_t utime) {
   if (const PoseChannel* poses = visual_poses(run)) {
+    const std::int32_t frame = poses->main_frame();
     for (const PoseFix& fix : poses->fixes) {
-      if (fix.utime == utime && poses->usable(fix)) return placed.rig_T_map * fix.pose;
+      if (fix.utime == utime && fix.frame == frame && poses->usable(fix)) {
+        return placed.rig_T_map * fix.pose;
+      }
     }
   }
   return run.truth.at(utime);
@@ -330,8 +333,11 @@ std::optional<SE3> camera_pose(const RecordedRun& run, const Placed& placed, std
 Points estimated_path(const RecordedRun& run, const Placed& placed) {
   Points path;
   if (const PoseChannel* poses = visual_poses(run)) {
+    const std::int32_t frame = poses->main_frame();
     for (const PoseFix& fix : poses->fixes) {
-      if (poses->usable(fix)) path.push_back(placed.rig_T_map * fix.pose.translation);
+      if (fix.frame == frame && poses->usable(fix)) {
+        path.push_back(placed.rig_T_map * fix.pose.translation);
+      }
     }
   }
   return path;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 
 #include "evaluate/consistency.hpp"
@@ -43,15 +44,6 @@ Eigen::VectorXd error_coordinates(PoseKind kind, const SE3& estimate, const SE3&
   return error;
 }
 
-std::int64_t median_interval(const std::vector<std::int64_t>& utimes) {
-  if (utimes.size() < 2) return 0;
-  std::vector<std::int64_t> intervals;
-  for (std::size_t i = 1; i < utimes.size(); ++i) intervals.push_back(utimes[i] - utimes[i - 1]);
-  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
-  std::nth_element(intervals.begin(), middle, intervals.end());
-  return *middle;
-}
-
 // The pose as relative errors need it: the roll that no magnet can tell is taken from the truth.
 Pose comparable_pose(PoseKind kind, const SE3& estimate, const std::optional<SE3>& truth) {
   if (kind != PoseKind::kMagnet || !truth) return to_pose(estimate);
@@ -59,11 +51,49 @@ Pose comparable_pose(PoseKind kind, const SE3& estimate, const std::optional<SE3
   return to_pose({tilt * truth->rotation, estimate.translation});
 }
 
+// By map frame, where SE(3) alignment puts it. `frames`: one a pose of `usable`.
+std::map<std::int32_t, SE3> place_frames(const MatchedTrajectory& usable,
+                                         const std::vector<std::int32_t>& frames) {
+  std::map<std::int32_t, MatchedTrajectory> parts;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    MatchedTrajectory& part = parts[frames[i]];
+    part.estimate.utimes.push_back(usable.estimate.utimes[i]);
+    part.estimate.poses.push_back(usable.estimate.poses[i]);
+    part.truth.push_back(usable.truth[i]);
+  }
+  std::map<std::int32_t, SE3> places;
+  for (const auto& [frame, part] : parts) {
+    const Pose placed = align(part, AlignmentKind::kSe3).truth_T_estimate;
+    places[frame] = {Eigen::Quaterniond(placed.rotation), placed.translation};
+  }
+  return places;
+}
+
 }  // namespace
+
+std::int32_t PoseChannel::main_frame() const {
+  std::map<std::int32_t, std::size_t> counts;
+  for (const PoseFix& fix : fixes) {
+    if (usable(fix)) ++counts[fix.frame];
+  }
+  const auto most =
+      std::max_element(counts.begin(), counts.end(),
+                       [](const auto& a, const auto& b) { return a.second < b.second; });
+  return most == counts.end() ? 0 : most->first;
+}
 
 bool PoseChannel::usable(const PoseFix& fix) const {
   return fix.status >= 0 && static_cast<std::size_t>(fix.status) < statuses.size() &&
          statuses[static_cast<std::size_t>(fix.status)].usable && finite(fix.pose);
+}
+
+std::int64_t median_interval(const std::vector<std::int64_t>& utimes) {
+  if (utimes.size() < 2) return 0;
+  std::vector<std::int64_t> intervals;
+  for (std::size_t i = 1; i < utimes.size(); ++i) intervals.push_back(utimes[i] - utimes[i - 1]);
+  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
+  std::nth_element(intervals.begin(), middle, intervals.end());
+  return *middle;
 }
 
 double availability(const std::vector<std::int64_t>& usable_utimes, std::int64_t median_interval,
@@ -87,6 +117,7 @@ PoseEvaluation evaluate_pose_channel(const PoseChannel& channel, const TruthTrac
   PoseEvaluation result;
   result.fixes.resize(channel.fixes.size());
   std::vector<std::int64_t> all_utimes;
+  std::vector<std::int32_t> frames;
   for (std::size_t i = 0; i < channel.fixes.size(); ++i) {
     const PoseFix& fix = channel.fixes[i];
     FixErrors& errors = result.fixes[i];
@@ -97,6 +128,7 @@ PoseEvaluation evaluate_pose_channel(const PoseChannel& channel, const TruthTrac
       errors.truth = *rig_T_camera * camera_T_target;
     }
     if (!channel.usable(fix)) continue;
+    frames.push_back(fix.frame);
     result.usable.estimate.utimes.push_back(fix.utime);
     result.usable.estimate.poses.push_back(comparable_pose(channel.kind, fix.pose, errors.truth));
     result.usable.truth.push_back(errors.truth ? std::optional(to_pose(*errors.truth))
@@ -106,16 +138,22 @@ PoseEvaluation evaluate_pose_channel(const PoseChannel& channel, const TruthTrac
     result.availability = availability(result.usable.estimate.utimes, median_interval(all_utimes),
                                        truth.first(), truth.last());
   }
-  SE3 rig_T_reference;
+  std::map<std::int32_t, SE3> rig_T_frame;
   if (channel.kind == PoseKind::kCameraInMap) {
-    const Alignment alignment = align(result.usable, AlignmentKind::kSe3);
-    rig_T_reference = {Eigen::Quaterniond(alignment.truth_T_estimate.rotation),
-                       alignment.truth_T_estimate.translation};
+    rig_T_frame = place_frames(result.usable, frames);
+    const std::int32_t main = channel.main_frame();
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      if (frames[i] == main) continue;
+      Pose& pose = result.usable.estimate.poses[i];
+      pose = to_pose(rig_T_frame[main].inverse() * rig_T_frame[frames[i]]) * pose;
+    }
+    result.frames = rig_T_frame.size();
   }
   for (std::size_t i = 0; i < channel.fixes.size(); ++i) {
     FixErrors& errors = result.fixes[i];
     if (!finite(errors.aligned)) continue;
-    errors.aligned = rig_T_reference * errors.aligned;
+    const auto place = rig_T_frame.find(channel.fixes[i].frame);
+    if (place != rig_T_frame.end()) errors.aligned = place->second * errors.aligned;
     if (!errors.truth) continue;
     const Eigen::VectorXd coordinates =
         error_coordinates(channel.kind, errors.aligned, *errors.truth);
@@ -138,6 +176,7 @@ void set_pose_metrics(Metrics& metrics, const PoseChannel& channel,
   const MatchedTrajectory matched = evaluation.usable.only_matched();
   metrics.set_count(name + ".with_truth", matched.estimate.size());
   metrics.set(name + ".availability", evaluation.availability);
+  if (evaluation.frames > 1) metrics.set_count(name + ".map_frames", evaluation.frames);
   set_absolute_errors(metrics, name + ".ate", matched);
   for (const char* text :
        {"1frames", "1s", "2mm", "5mm", "10mm", "20mm", "50mm", "100mm", "5deg"}) {

@@ -18,8 +18,8 @@ enum class PoseKind {
   kMagnet,       // 5-DoF rig_T_magnet, the rotation about the magnet's z axis being arbitrary;
                  // covariance: position, two rotations about perpendicular_basis(axis)
   kCameraInRig,  // rig_T_camera; covariance: translation (rig frame), rotation (camera frame)
-  kCameraInMap,  // map_T_camera, compared after SE(3) alignment; covariance: translation and
-                 // rotation, both in the camera frame
+  kCameraInMap,  // map_T_camera, compared after SE(3) alignment, each map frame by itself;
+                 // covariance: translation and rotation, both in the camera frame
 };
 
 struct PoseFix {
@@ -27,6 +27,7 @@ struct PoseFix {
   std::int8_t status = 0;                  // index into the channel's statuses
   SE3 pose;                                // NaN where the message held none
   Matrix6d covariance = Matrix6d::Zero();  // the channel's degrees of freedom, top left
+  std::int32_t frame = 0;  // map_version: a new one says that the map's frame has changed
 };
 
 struct PoseStatus {
@@ -49,6 +50,8 @@ struct PoseChannel {
   std::vector<ExtraSeries> extras;
 
   bool usable(const PoseFix& fix) const;
+  // The frame of most of the usable fixes; 0 for none.
+  std::int32_t main_frame() const;
 };
 
 struct FixErrors {
@@ -61,13 +64,19 @@ struct FixErrors {
 
 struct PoseEvaluation {
   std::vector<FixErrors> fixes;  // one a fix; meaningful where truth is known and the pose finite
-  MatchedTrajectory usable;      // the usable fixes, unaligned, for ATE and RPE
-  double availability = 0;       // share of the truth's span, 0..1
+  // The usable fixes, unaligned, for ATE and RPE; where the map's frame has changed, in the main
+  // one.
+  MatchedTrajectory usable;
+  std::size_t frames = 0;   // of the usable fixes
+  double availability = 0;  // share of the truth's span, 0..1
 };
 
 // `camera_T_target` is the identity but for a magnet.
 PoseEvaluation evaluate_pose_channel(const PoseChannel& channel, const TruthTrack& truth,
                                      const SE3& camera_T_target);
+
+// Of ascending utimes; 0 for fewer than two.
+std::int64_t median_interval(const std::vector<std::int64_t>& utimes);
 
 // Share of the time from `first` to `last` with a usable fix at most three quarters of the
 // channel's median interval away. utimes ascending.

@@ -104,6 +104,21 @@ void write_pose_series(const std::string& path, const PoseChannel& channel,
   file.close();
 }
 
+void write_sensor_health(const std::string& path, const SensorHealthSeries& health) {
+  TextFile file(path);
+  file.text("utime,p_nominal,alpha,used,sensor,cause\n");
+  for (const auto& [name, series] : health) {
+    for (const SensorHealth& sample : series) {
+      file.first(sample.utime);
+      file.number(sample.p_nominal);
+      file.number(sample.alpha);
+      file.number(sample.used ? 1 : 0);
+      file.text("," + name + "," + sample.cause + "\n");
+    }
+  }
+  file.close();
+}
+
 void write_truth_series(const std::string& path, const TruthTrack& truth) {
   TextFile file(path);
   file.text("utime,x,y,z,qw,qx,qy,qz\n");

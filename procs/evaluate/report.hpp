@@ -25,6 +25,8 @@ void write_metrics(const std::string& path, const Metrics& metrics);
 // One row a fix; bounds of the same utime in its last columns. utimes ascending in both.
 void write_pose_series(const std::string& path, const PoseChannel& channel,
                        const PoseEvaluation& evaluation, std::span<const BoundSample> bounds);
+// One row a sensor of each CAPSULE_STATE.
+void write_sensor_health(const std::string& path, const SensorHealthSeries& health);
 void write_truth_series(const std::string& path, const TruthTrack& truth);
 // One row a frame, and one row a bin of true distance.
 void write_depth_series(const std::string& folder, const DepthSeries& depth);

@@ -40,6 +40,9 @@ constexpr double kAxisSigma = 0.01;        // radians, per rotation
 constexpr int kFirstLost = 100;            // readings without a fix
 constexpr int kFirstFoundAgain = 200;
 constexpr double kDepthError = 0.0015;  // metres
+constexpr std::int64_t kInitialised = kStart + 200000;
+constexpr std::int64_t kBlindNoticed = kStart + 1100000;
+constexpr std::int64_t kBlindRecovered = kStart + 2200000;
 
 SE3 true_pose(std::int64_t utime) {
   const double t = static_cast<double>(utime - kStart) * 1e-6;
@@ -59,6 +62,7 @@ struct LogContents {
   bool with_truth = true;
   bool with_poses = true;
   bool with_depth = true;
+  bool with_states = false;
 };
 
 depth_image_t depth_picture(std::int64_t utime, double metres) {
@@ -103,6 +107,29 @@ magnetic_pose_t magnetic_pose(std::int64_t utime, int number, Draws& draws) {
   return message;
 }
 
+// Fused without error; vision is held for failed from 1.1 s to 2.2 s.
+capsule_state_t capsule_state(std::int64_t utime) {
+  const SE3 truth = true_pose(utime);
+  const bool initialising = utime < kInitialised;
+  const bool blind = utime >= kBlindNoticed && utime < kBlindRecovered;
+  capsule_state_t message{};
+  message.utime = utime;
+  message.status = initialising ? capsule_state_t::STATUS_INITIALISING
+                   : blind      ? capsule_state_t::STATUS_DEGRADED
+                                : capsule_state_t::STATUS_NOMINAL;
+  Eigen::Map<Eigen::Vector3d>(message.position) = truth.translation;
+  message.orientation[0] = truth.rotation.w();
+  Eigen::Map<Eigen::Vector3d>(message.orientation + 1) = truth.rotation.vec();
+  for (int k = 0; k < 6; ++k) message.covariance[k][k] = 1e-8;
+  message.depth_scale = 1;
+  message.num_sensors = 2;
+  message.sensors.resize(2);
+  message.sensors[0] = {"magnetic", initialising ? 0.0 : 0.99, 0.95, true, ""};
+  message.sensors[1] = {"visual", blind ? 0.02 : 0.98, blind ? 0.1 : 0.9, !blind,
+                        blind ? "low, texture" : ""};
+  return message;
+}
+
 void write_log(const std::string& path, const LogContents& contents) {
   LogWriter log(path);
   Draws draws(41);
@@ -142,6 +169,7 @@ void write_log(const std::string& path, const LogContents& contents) {
     if (contents.with_poses) {
       log.write(channel::kMagneticPose, magnetic_pose(utime, i, draws));
     }
+    if (contents.with_states) log.write(channel::kCapsuleState, capsule_state(utime));
   }
   log.close();
 }
@@ -227,6 +255,44 @@ TEST_F(LogEvaluationTest, FindsTheErrorsThatWerePutIn) {
   EXPECT_GT(metrics["MAGNETIC_POSE.sensor_distance.min"], 0.05);
   EXPECT_EQ(metrics["MAGNETIC_POSE.within_5cm.count"], 0);
   EXPECT_THAT(notes(metrics), HasSubstr("timing.json"));
+}
+
+TEST_F(LogEvaluationTest, JudgesWhatTheFusionBelievesOfItsSensors) {
+  write_log(log_, {.with_states = true});
+  evaluate_log(log_, folder_, {}, "", {{"visual", 1, 2}});
+  std::ifstream file(folder_ + "/metrics.json");
+  const auto metrics = nlohmann::json::parse(file);
+  constexpr double kRounding = 1e-9;
+  EXPECT_NEAR(metrics["failure.visual.1.detection_delay"], 0.1, kRounding);
+  EXPECT_NEAR(metrics["failure.visual.1.recovery_delay"], 0.2, kRounding);
+  EXPECT_NEAR(metrics["failure.visual.1.missed_share"], 0.1, kRounding);
+  EXPECT_EQ(metrics["failure.visual.false_alarms.count"], 0);
+  // What it says of the magnet before it has a state is no alarm.
+  EXPECT_EQ(metrics["failure.magnetic.false_alarms.count"], 0);
+  EXPECT_EQ(metrics["failure.threshold"], configuration().sensor_fusion.failure_threshold);
+  // Truth is interpolated over 50 ms, along a curve with accelerations of 0.06 m/s^2.
+  constexpr double kInterpolation = 0.06 * 0.05 * 0.05 / 8;
+  EXPECT_NEAR(metrics["comparison.50mm.CAPSULE_STATE.none"], 0, kInterpolation);
+  EXPECT_GT(metrics["comparison.50mm.CAPSULE_STATE.count"], 0);
+
+  std::ifstream series(folder_ + "/sensor_health.csv");
+  std::vector<std::string> lines;
+  for (std::string line; std::getline(series, line);) lines.push_back(line);
+  constexpr std::size_t kStates = kReadings - (kInitialised - kStart) / kMagneticPeriod;
+  ASSERT_EQ(lines.size(), 1 + 2 * kStates);
+  EXPECT_EQ(lines[0], "utime,p_nominal,alpha,used,sensor,cause");
+  EXPECT_EQ(lines[1], "1700000000200000,0.99,0.95,1,magnetic,");
+  EXPECT_THAT(lines, testing::Contains("1700000001500000,0.02,0.1,0,visual,low_ texture"));
+}
+
+TEST_F(LogEvaluationTest, WithoutTrueFailuresSaysThatAlarmsCountAsFalse) {
+  const nlohmann::json metrics = evaluate({.with_states = true});
+  EXPECT_EQ(metrics["failure.visual.false_alarms.count"], 1);
+  EXPECT_THAT(notes(metrics), HasSubstr("no --failure was given"));
+  EXPECT_THAT(notes(evaluate({})), testing::Not(HasSubstr("--failure")));
+  evaluate_log(log_, folder_, {}, "", {{"visual", 1, 2}});
+  std::ifstream file(folder_ + "/metrics.json");
+  EXPECT_THAT(notes(nlohmann::json::parse(file)), HasSubstr("no CAPSULE_STATE"));
 }
 
 TEST_F(LogEvaluationTest, ExportsTrajectoriesThatScoreTheSame) {
@@ -326,19 +392,23 @@ class EvaluateProgramTest : public LogEvaluationTest {
 };
 
 TEST_F(EvaluateProgramTest, DrawsOnePageWithItsPlotsInside) {
-  write_log(log_, {});
-  ASSERT_EQ(run("--frames 0,79 '" + log_ + "' --out '" + folder_ + "/report'"), 0);
+  write_log(log_, {.with_states = true});
+  ASSERT_EQ(run("--frames 0,79 --failure visual:1-2 '" + log_ + "' --out '" + folder_ + "/report'"),
+            0);
   for (const char* plot : {"trajectory", "errors", "histogram", "consistency", "relative", "fit"}) {
     EXPECT_TRUE(std::filesystem::exists(folder_ + "/report/MAGNETIC_POSE_" + plot + ".png"))
         << plot;
   }
-  for (const char* plot : {"DEPTH_errors", "DEPTH_by_distance", "frame_000000", "frame_000079"}) {
+  for (const char* plot : {"DEPTH_errors", "DEPTH_by_distance", "frame_000000", "frame_000079",
+                           "failures", "comparison"}) {
     EXPECT_TRUE(std::filesystem::exists(folder_ + "/report/" + plot + ".png")) << plot;
   }
   std::ifstream file(folder_ + "/report/index.html");
   const std::string page(std::istreambuf_iterator<char>(file), {});
   EXPECT_THAT(page, HasSubstr("synthetic"));
   EXPECT_THAT(page, HasSubstr("Magnetic position error, RMS"));
+  EXPECT_THAT(page, HasSubstr("Sensor failures over time"));
+  EXPECT_THAT(page, HasSubstr("1 – 2 s"));
   EXPECT_THAT(page, HasSubstr("data:image/png;base64,"));
   EXPECT_THAT(page, testing::Not(HasSubstr("src=\"http")));
 }
@@ -349,6 +419,7 @@ TEST_F(EvaluateProgramTest, ExitStatusTellsWrongUseFromFailure) {
   EXPECT_EQ(run(""), 2);
   EXPECT_EQ(run("'" + log_ + "'"), 2);
   EXPECT_EQ(run("'" + log_ + "' --out '" + folder_ + "/report' --frames first"), 2);
+  EXPECT_EQ(run("'" + log_ + "' --out '" + folder_ + "/report' --failure visual:2"), 2);
   EXPECT_EQ(run("/nonexistent.lcmlog --out '" + folder_ + "/report'"), 2);
   EXPECT_EQ(run("trajectories '" + log_ + "'"), 2);
   std::ofstream(folder_ + "/empty.lcmlog");

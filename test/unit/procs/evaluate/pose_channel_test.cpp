@@ -108,6 +108,33 @@ TEST(PoseChannelTest, VisualPosesAreComparedAfterAlignmentOfTheirMap) {
   expect_consistent(evaluate_pose_channel(channel, truth_track(kFixes), SE3{}), 6);
 }
 
+TEST(PoseChannelTest, EachFrameOfTheMapIsAlignedByItself) {
+  constexpr int kCount = 300;
+  constexpr int kMoved = 100;  // fixes before the map gets another frame
+  PoseChannel channel{"VISUAL_POSE", PoseKind::kCameraInMap, 6, {{"OK", true}}, {}, {}};
+  Draws draws(34);
+  const SE3 first_T_rig{draws.rotation(), draws.vector(1)};
+  const SE3 second_T_rig{draws.rotation(), draws.vector(1)};
+  for (int i = 0; i < kCount; ++i) {
+    const SE3 truth = true_pose(i * kPeriod);
+    channel.fixes.push_back({i * kPeriod, 0, (i < kMoved ? first_T_rig : second_T_rig) * truth,
+                             Matrix6d::Identity(), i < kMoved ? 0 : 1});
+  }
+  EXPECT_EQ(channel.main_frame(), 1);
+  const PoseEvaluation evaluation = evaluate_pose_channel(channel, truth_track(kCount), SE3{});
+  EXPECT_EQ(evaluation.frames, 2U);
+  for (const FixErrors& errors : evaluation.fixes) {
+    EXPECT_NEAR(errors.position.norm(), 0, kRounding);
+    EXPECT_NEAR(errors.rotation, 0, 1e-7);  // of a unit quaternion's rounding the square root
+  }
+  // What trajectories are made of is all in the frame of most fixes.
+  const Pose expected = to_pose(second_T_rig * true_pose(0));
+  EXPECT_NEAR((evaluation.usable.estimate.poses[0].translation - expected.translation).norm(), 0,
+              kRounding);
+  EXPECT_NEAR((evaluation.usable.estimate.poses[0].rotation - expected.rotation).norm(), 0,
+              kRounding);
+}
+
 TEST(PoseChannelTest, ATiltedMagnetShowsItsAngleWhateverItsRoll) {
   constexpr double kTilt = 0.02;  // radians
   PoseChannel channel{"MAGNETIC_POSE", PoseKind::kMagnet, 5, {{"OK", true}}, {}, {}};
