@@ -13,6 +13,7 @@
 #include "calibrate/array_calibration.hpp"
 #include "calibrate/calibration_report.hpp"
 #include "calibrate/coil_calibration.hpp"
+#include "calibrate/hand_eye_calibration_process.hpp"
 #include "calibrate/light_calibration_process.hpp"
 #include "gastronaut/coil_currents_t.hpp"
 #include "gastronaut/hall_array_t.hpp"
@@ -278,6 +279,14 @@ int calibrate_light_of(const Options& options) {
   return kExitDone;
 }
 
+int calibrate_hand_eye_of(const Options& options) {
+  const HandEyeTexts texts =
+      run_hand_eye_calibration({options.log, options.configuration_files, options.settings});
+  write_fragment(options.out, texts.fragment);
+  std::fputs(texts.table.c_str(), stdout);
+  return kExitDone;
+}
+
 void add_common_options(CLI::App& command, Options& options, const char* log) {
   command.add_option("LOG", options.log, log)->required()->check(CLI::ExistingFile);
   command.add_option("--out", options.out, "the configuration fragment to write")->required();
@@ -344,7 +353,14 @@ int run_calibrate(int argc, char** argv) {
       "of a flat card or of tissue with known depth");
   add_common_options(*light, options, "log with CAMERA, RIG_CONFIG and poses or depth");
   add_light_options(*light, options.light);
+  CLI::App* hand_eye = app.add_subcommand("hand-eye",
+                                          "the magnet's centre and axis in the camera's frame and "
+                                          "the clocks' offset, from a derived log "
+                                          "of motions");
+  add_common_options(*hand_eye, options, "log with MAGNETIC_POSE, VISUAL_POSE and RIG_CONFIG");
+  describe_hand_eye(*hand_eye);
   return run_command_line(app, argc, argv, [&] {
+    if (hand_eye->parsed()) return calibrate_hand_eye_of(options);
     if (light->parsed()) return calibrate_light_of(options);
     return coils->parsed() ? calibrate_coils_of(options) : calibrate_array_of(options);
   });
