@@ -63,19 +63,10 @@ Matrix6d positive_part(const Matrix6d& matrix) {
          solver.eigenvectors().transpose();
 }
 
-// A failed sensor errs by more than it says, or gives anything at all. The second is what counts
-// where little is known of the pose: one reading must not decide then, the next ones do.
-SwitchLikelihood likelihood_of(const Gain& gain, double failed_spread, double log_anything) {
-  const auto size = static_cast<double>(gain.whitened.size());
-  const double near = -0.5 * (gain.chi2 / (failed_spread * failed_spread) + gain.log_det) -
-                      size * std::log(failed_spread);
-  const double larger = std::max(near, log_anything);
-  const double smaller = std::min(near, log_anything);
-  return {gain.log_density, larger + std::log1p(std::exp(smaller - larger)) - std::log(2.0)};
-}
-
-// Density of a measurement that can be anything: positions within the search box, axes on the
-// sphere, rotations of any kind.
+// Density of what a failed sensor gives, which is anything: positions within the search box, axes
+// on the sphere, rotations of any kind. The same whatever is believed of the pose, so that where
+// little is known one reading does not decide, and where much is wrongly taken for known it does
+// not last.
 double log_density_of_anything(Sensor sensor, Eigen::Index size) {
   const double position = -3 * std::log(kSearchBox);
   const double axis = -std::log(4 * std::numbers::pi);
@@ -89,10 +80,9 @@ double log_density_of_anything(Sensor sensor, Eigen::Index size) {
 SwitchingFilter::SwitchingFilter(const FilterOptions& options)
     : options_(options),
       particles_(options.particles, options.alpha_memory, options.seed, kStartConfidence) {
-  if (options.rolls < 1 || !(options.failed_spread > 1) || !(options.unusable_share > 0) ||
-      !(options.unusable_share < 1)) {
+  if (options.rolls < 1 || !(options.unusable_share > 0) || !(options.unusable_share < 1)) {
     throw std::invalid_argument(
-        "sensor_fusion: rolls must be positive, failed_spread above 1, unusable_share in (0, 1)");
+        "sensor_fusion: rolls must be positive, unusable_share within (0, 1)");
   }
 }
 
@@ -345,8 +335,8 @@ void SwitchingFilter::assimilate(Sensor sensor, std::int64_t utime, const Observ
   std::vector<SwitchLikelihood> likelihoods;
   for (const CapsuleBelief& belief : beliefs_) {
     gains.push_back(belief.weigh(observe(belief)));
-    const double anything = log_density_of_anything(sensor, gains.back().whitened.size());
-    likelihoods.push_back(likelihood_of(gains.back(), options_.failed_spread, anything));
+    likelihoods.push_back(
+        {gains.back().log_density, log_density_of_anything(sensor, gains.back().whitened.size())});
   }
   record(sensor).told_cause.clear();
   const double nominal = particles_.update(static_cast<std::size_t>(sensor), likelihoods);

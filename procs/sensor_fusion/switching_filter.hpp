@@ -49,8 +49,6 @@ struct FilterOptions {
   double known_roll = 0.1;           // radians, one sigma: the filter has begun
   double start_velocity_std = 0.05;  // m/s
   double start_turn_std = 1;         // rad/s
-  // A failed sensor gives anything within so many sigmas of a nominal one.
-  double failed_spread = 30;
   // Share of unusable measurements (lost frames, refused fixes) from a sensor that works.
   double unusable_share = 0.03;
   // A sensor that says to be well and contradicts for so long, seconds: vision's map is another

@@ -97,10 +97,8 @@ void scale_depth(Plane<float>& depth, double scale) {
 
 VisualSlamOptions checked(const VisualSlamOptions& options) {
   if (!(options.keyframe_shift > 0) || !(options.keyframe_turn > 0) ||
-      options.refinement_frames < 1 || options.candidates < 0 || options.restart_frames < 1 ||
-      options.new_map_frames < 1) {
-    throw std::invalid_argument(
-        "visual_slam: keyframes need a shift, a turn and a frame of time, a restart a frame");
+      options.refinement_frames < 1 || options.candidates < 0) {
+    throw std::invalid_argument("visual_slam: keyframes need a shift, a turn and a frame of time");
   }
   return options;
 }
@@ -153,7 +151,7 @@ SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health) {
     if (!found) {
       is_lost_ = true;
       ++missed_;
-      if (is_sharp_) ++unplaced_;
+      if (is_sharp_ && !unplaced_since_) unplaced_since_ = frame.utime;
       if (begin_again()) return pose_;
       pose_.cause =
           result && !result->cause.empty() ? result->cause : "does not find itself in the map";
@@ -192,7 +190,7 @@ SlamPose VisualSlam::lost(std::int64_t utime, const PictureHealth& health) {
   if (map_T_camera_) pose_.map_T_camera = *map_T_camera_;
   pose_.cause = health.failure_message.empty() ? health.failure : health.failure_message;
   ++missed_;
-  unplaced_ = 0;
+  unplaced_since_.reset();
   return pose_;
 }
 
@@ -293,7 +291,9 @@ std::optional<SE3> VisualSlam::fused_pose(std::int64_t utime) const {
 // The wall has moved, or the tissue is unknown: a new thread of keyframes in the same map, where
 // fusion has the camera.
 bool VisualSlam::begin_again() {
-  if (unplaced_ < options_.restart_frames || !is_sharp_ ||
+  if (!unplaced_since_) return false;
+  const double unplaced_for = static_cast<double>(frame_.utime - *unplaced_since_) * kMicrosecond;
+  if (unplaced_for < options_.restart_after || !is_sharp_ ||
       usable_share(frame_) < options_.least_depth) {
     return false;
   }
@@ -306,7 +306,7 @@ bool VisualSlam::begin_again() {
     pose_.covariance = to_camera * fused_->covariance * to_camera.transpose();
     pose_.cause = "began again at the fused pose";
     velocity_ << to_camera.topLeftCorner<3, 3>() * fused_->velocity, fused_->angular_velocity;
-  } else if (fused_ && (is_in_rig_frame_ || aside_) && unplaced_ >= options_.new_map_frames) {
+  } else if (fused_ && (is_in_rig_frame_ || aside_) && unplaced_for >= options_.new_map_after) {
     set_map_aside();
     pose_.covariance = kBeginStd * kBeginStd * Matrix6d::Identity();
     pose_.cause = "began a new map: the fused pose is not known well enough";
@@ -474,7 +474,8 @@ void VisualSlam::accept(const Frame& frame, const TrackingResult& result) {
 
 void VisualSlam::set_placed(const Frame& frame, const SE3& map_T_camera) {
   is_lost_ = false;
-  missed_ = unplaced_ = 0;
+  missed_ = 0;
+  unplaced_since_.reset();
   map_T_camera_ = map_T_camera;
   utime_ = frame.utime;
   if (const double distance = median_depth(frame.depth); distance > 0) distance_ = distance;

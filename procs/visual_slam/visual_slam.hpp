@@ -67,12 +67,13 @@ struct VisualSlamOptions {
   // turns out to be off by rebase_scale (scale changes in no other way: fusion relies on that),
   double rebase_position_std = 0.002;
   double rebase_rotation_std = 0.05;
-  double rebase_scale = 0.01;
-  // respectively are where tracking begins again after so many usable pictures without a place.
+  double rebase_scale = 0.015;
+  // respectively are where tracking begins again after so many seconds of usable pictures without a
+  // place.
   double restart_position_std = 0.003;
   double restart_rotation_std = 0.1;
-  int restart_frames = 6;
-  int new_map_frames = 15;  // the same, where fused poses are not trusted: a new map begins
+  double restart_after = 0.25;
+  double new_map_after = 0.7;  // the same, where fused poses are not trusted: a new map begins
 };
 
 // What sensor fusion says of a frame.
@@ -183,11 +184,11 @@ class VisualSlam {
   std::int64_t utime_ = 0;
   Vector6d velocity_ = Vector6d::Zero();  // twist a second, camera frame
   bool is_lost_ = false;
-  int missed_ = 0;                     // frames since then,
-  int unplaced_ = 0;                   // of which so many had a usable picture
-  double distance_ = 0;                // metres, median depth
-  double sharpness_ = 0;               // lately
-  Matrix6d drift_ = Matrix6d::Zero();  // covariance of reference_, camera frame there
+  int missed_ = 0;                              // frames since then,
+  std::optional<std::int64_t> unplaced_since_;  // utime; usable pictures all of them
+  double distance_ = 0;                         // metres, median depth
+  double sharpness_ = 0;                        // lately
+  Matrix6d drift_ = Matrix6d::Zero();           // covariance of reference_, camera frame there
 
   std::optional<FusedState> fused_;  // of the frame before
   bool is_in_rig_frame_ = false;

@@ -125,6 +125,9 @@ inline SE3 camera_at(int frame) {
           {8e-3 * std::sin(t), 6e-3 * std::sin(1.4 * t), 3e-3 * std::sin(0.9 * t)}};
 }
 
+inline int frames_in(double seconds) {
+  return static_cast<int>(std::lround(seconds * 1e6 / static_cast<double>(kPeriod)));
+}
 inline std::int64_t utime_of(int frame) { return kStart + frame * kPeriod; }
 
 struct PoseError {

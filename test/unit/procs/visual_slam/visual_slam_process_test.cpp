@@ -714,7 +714,7 @@ TEST_F(VisualSlamProcessTest, LostVisionBeginsAgainWhereFusionHasTheCamera) {
   }
   int k = 26;
   while (k < 40 && rig.see(pictures_of(truth(k), utime_of(k), kRelativeStd)).status == kLost) ++k;
-  EXPECT_EQ(k, 26 + slam::VisualSlamOptions{}.restart_frames - 1);
+  EXPECT_EQ(k, 26 + slam::frames_in(slam::VisualSlamOptions{}.restart_after));
   EXPECT_EQ(rig.poses.back().status, kRelocalised);
   EXPECT_EQ(rig.poses.back().map_version, 2);
   EXPECT_THAT(rig.bus.describe_health(), HasSubstr("began again by what fusion knows 1 times"));

@@ -603,7 +603,7 @@ TEST_P(VisualSlamOnDepth, UnknownTissueIsMappedFromTheFusedPose) {
   run.follow_fused(0, 30);
   const auto there = [](int k) { return kFarAway * camera_at(k); };
   int k = 30;
-  for (; k < 30 + options().restart_frames - 1; ++k) {
+  for (; k < 30 + frames_in(options().restart_after); ++k) {
     const SlamPose pose =
         run.see(shrunk(frame_at(there(k), k, GetParam())), {}, fused_at(there(k), utime_of(k)));
     EXPECT_EQ(pose.status, SlamStatus::kLost) << k;
@@ -730,7 +730,8 @@ TEST(VisualSlam, UnknownRollBeginsANewMapThatJoinsTheOldOneInTheRig) {
     FusedState fused = fused_at(there(k), utime_of(k));
     fused.covariance(5, 5) = 1;
     const SlamPose pose = run.see(shrunk(frame_at(there(k), k)), {}, fused);
-    EXPECT_EQ(pose.status == SlamStatus::kLost, k < kLost + options().new_map_frames - 1) << k;
+    EXPECT_EQ(pose.status == SlamStatus::kLost, k < kLost + frames_in(options().new_map_after))
+        << k;
   }
   EXPECT_EQ(run.slam.map_version(), 2);
   EXPECT_FALSE(run.slam.is_in_rig_frame());
