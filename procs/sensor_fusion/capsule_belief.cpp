@@ -67,13 +67,13 @@ void CapsuleBelief::predict(double elapsed, const BeliefModel& model,
   }
 }
 
-Innovation CapsuleBelief::observe_magnet(const MagneticFix& fix, double bias_share,
+Innovation CapsuleBelief::observe_magnet(const MagneticFix& fix, double scatter,
                                          bool with_axis) const {
   const int size = with_axis ? 5 : 3;
   Innovation innovation;
   innovation.residual.resize(size);
   innovation.jacobian.setZero(size, kErrorSize);
-  innovation.noise = (1 - bias_share) * fix.covariance.topLeftCorner(size, size);
+  innovation.noise = scatter * fix.covariance.topLeftCorner(size, size);
 
   innovation.residual.head<3>() = fix.position - position - position_bias - velocity * time_offset;
   auto place = innovation.jacobian.topRows<3>();

@@ -56,10 +56,11 @@ struct BeliefModel {
   double turn_memory = 2;               // seconds
   double acceleration_std = 0.02;       // m/s^2 sqrt(s)
   double angular_acceleration_std = 1;  // rad/s^2 sqrt(s)
-  // Part of the magnetic fix's variance that stays while the magnet stays where it is.
-  double bias_share = 0.2;
-  double bias_length = 0.025;  // metres of path after which it is another one,
-  double bias_time = 20;       // or seconds
+  // Part of the magnetic fix's variance that stays while the magnet stays where it is, at least:
+  // how much more it is, the scatter of the fixes tells.
+  double bias_share = 0.15;
+  double bias_length = 0.05;  // metres of path after which it is another one,
+  double bias_time = 60;      // or seconds
   // Vision, in distances to what the camera sees (its errors are those of the wall's picture):
   // white from frame to frame, and drifting with the square root of the path.
   double working_distance = 0.04;  // metres
@@ -117,8 +118,9 @@ struct CapsuleBelief {
   // run.
   void predict(double elapsed, const BeliefModel& model, const Matrix6d& bias_covariance);
 
-  // Position, and where `with_axis` the axis, of the magnet.
-  Innovation observe_magnet(const MagneticFix& fix, double bias_share, bool with_axis) const;
+  // Position, and where `with_axis` the axis, of the magnet; the part `scatter` of the fix's
+  // variance is its own, the rest a bias.
+  Innovation observe_magnet(const MagneticFix& fix, double scatter, bool with_axis) const;
   // The camera in the map, noise of (translation, rotation) in the camera frame; where
   // `rotation_only` its rotation in a map whose rotation is taken as known.
   Innovation observe_camera(const SE3& map_T_camera, const Matrix6d& noise,

@@ -33,6 +33,9 @@ constexpr double kUnknownAxis = 0.05;        // radians
 constexpr double kUnknownTimeOffset = 1e-2;  // seconds
 // Vision may drift so many times faster than it seems before the calibration is blamed.
 constexpr double kPatienceWithDrift = 4;
+constexpr double kScatterLearningRate = 0.01;
+constexpr double kLongestScatter = 0.05;  // seconds: later fixes differ by motion
+constexpr double kLeastScatter = 0.02;
 constexpr double kInnovationMemory = 0.02;
 constexpr double kDriftLearningRate = 0.15;
 constexpr double kMostDriftInflation = 400;
@@ -99,19 +102,19 @@ FusedState SwitchingFilter::update(const MagneticMeasurement& measurement) {
   MagneticFix fix = measurement.fix;
   fix.axis.normalize();
   fix.covariance *= record(Sensor::kMagnetic).inflation;
-  const Eigen::Matrix<double, 3, 2> tangent = perpendicular_basis(fix.axis);
-  bias_covariance_.topLeftCorner<3, 3>() =
-      options_.model.bias_share * fix.covariance.topLeftCorner<3, 3>();
-  bias_covariance_.bottomRightCorner<3, 3>() = options_.model.bias_share * tangent *
-                                               fix.covariance.bottomRightCorner<2, 2>() *
-                                               tangent.transpose();
+  learn_scatter(measurement.utime, measurement.fix);
+  const double bias_share = std::max(options_.model.bias_share, 1 - scatter_);
+  Eigen::Matrix<double, 6, 5> to_rig = Eigen::Matrix<double, 6, 5>::Zero();
+  to_rig.topLeftCorner<3, 3>().setIdentity();
+  to_rig.bottomRightCorner<3, 2>() = perpendicular_basis(fix.axis);
+  bias_covariance_ = bias_share * to_rig * fix.covariance * to_rig.transpose();
   if (beliefs_.empty()) {
     begin(fix);
     return state(measurement.utime);
   }
   const bool with_axis = !options_.position_and_rotation_only || !has_begun_;
   assimilate(Sensor::kMagnetic, measurement.utime, [&](const CapsuleBelief& belief) {
-    return belief.observe_magnet(fix, options_.model.bias_share, with_axis);
+    return belief.observe_magnet(fix, scatter_, with_axis);
   });
   const SensorRecord& magnetic = record(Sensor::kMagnetic);
   if (magnetic.refused &&
@@ -373,6 +376,26 @@ void SwitchingFilter::learn_drift(const Gain& magnetic) {
   recent_innovation_ += kInnovationMemory * (innovation - recent_innovation_);
   drift_inflation_ = std::clamp(drift_inflation_ * std::exp(kDriftLearningRate * likeness), 1.0,
                                 kMostDriftInflation);
+}
+
+// Fixes one after the other share their bias: what they differ by, motion apart, is not bias.
+void SwitchingFilter::learn_scatter(std::int64_t utime, const MagneticFix& fix) {
+  const double elapsed = static_cast<double>(utime - last_fix_utime_) * kMicrosecond;
+  if (last_fix_ && !beliefs_.empty() && elapsed > 0 && elapsed < kLongestScatter) {
+    const CapsuleBelief& belief = beliefs_[likeliest()];
+    Vector5d difference;
+    const Eigen::Vector3d turned =
+        so3_log(Eigen::Quaterniond::FromTwoVectors(last_fix_->axis, fix.axis)) -
+        elapsed * belief.turn;
+    difference << fix.position - last_fix_->position - elapsed * belief.velocity,
+        perpendicular_basis(fix.axis).transpose() * turned;
+    const Matrix5d both = fix.covariance + last_fix_->covariance;
+    const double share = std::min(difference.dot(both.llt().solve(difference)) / 5, kMostSurprise);
+    scatter_ += kScatterLearningRate * (share - scatter_);
+    scatter_ = std::max(scatter_, kLeastScatter);
+  }
+  last_fix_ = fix;
+  last_fix_utime_ = utime;
 }
 
 std::size_t SwitchingFilter::likeliest() const {

@@ -145,6 +145,7 @@ class SwitchingFilter {
   void assimilate(Sensor sensor, std::int64_t utime, const Observe& observe);
   void learn_noise(Sensor sensor, const std::vector<Gain>& gains);
   void learn_drift(const Gain& magnetic);
+  void learn_scatter(std::int64_t utime, const MagneticFix& fix);
   void begin_check();
   std::size_t likeliest() const;
   void branch(const std::vector<Gain>& gains);
@@ -163,6 +164,9 @@ class SwitchingFilter {
   std::int64_t utime_ = 0;
   std::array<SensorRecord, kNumSensors> sensors_;
   Matrix6d bias_covariance_ = Matrix6d::Zero();
+  std::optional<MagneticFix> last_fix_;
+  std::int64_t last_fix_utime_ = 0;
+  double scatter_ = 1;      // of one fix to the next, as a part of the variance that they state
   bool has_begun_ = false;  // the roll was known once
 
   std::optional<int> map_version_;
