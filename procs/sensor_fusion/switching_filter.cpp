@@ -39,6 +39,7 @@ constexpr double kLeastScatter = 0.02;
 constexpr double kInnovationMemory = 0.02;
 constexpr double kDriftLearningRate = 0.15;
 constexpr double kMostDriftInflation = 400;
+constexpr double kLongestPath = 4;  // of vision between two frames, working distances
 constexpr double kMostSurprise = 4;
 constexpr double kMostInflation = 25;
 
@@ -146,7 +147,9 @@ FusedState SwitchingFilter::update(const VisualMeasurement& measurement) {
       });
     }
     last_map_T_camera_ = measurement.map_T_camera;
-    if (!measurement.is_degraded) well_held_ = measurement.covariance;
+    if (!measurement.is_degraded && is_covariance(measurement.covariance)) {
+      well_held_ = measurement.covariance;
+    }
     const SensorRecord& visual = record(Sensor::kVisual);
     if (visual.refused && static_cast<double>(measurement.utime - *visual.refused) * kMicrosecond >
                               options_.visual_patience) {
@@ -310,8 +313,10 @@ void SwitchingFilter::let_maps_drift(const VisualMeasurement& measurement) {
   const SE3 moved = last_map_T_camera_->inverse() * measurement.map_T_camera;
   const double inflation = record(Sensor::kVisual).inflation * drift_inflation_;
   const auto drift = [&](CapsuleBelief& belief, double factor) {
-    const double path = belief.map_scale * moved.translation.norm() / model.working_distance +
-                        angle_between(moved.rotation, Eigen::Quaterniond::Identity());
+    // A longer one is a jump, not drift: whatever it is, the belief must survive it.
+    const double path = std::min(
+        kLongestPath, belief.map_scale * moved.translation.norm() / model.working_distance +
+                          angle_between(moved.rotation, Eigen::Quaterniond::Identity()));
     belief.let_map_drift(factor * path *
                              swinging_noise(model.drift_position * model.working_distance,
                                             model.drift_rotation, model.working_distance),

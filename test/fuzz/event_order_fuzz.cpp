@@ -32,7 +32,10 @@ class Checker {
           await(data_.ConsumeBool() ? last_.first : now_);
           break;
         case 9:
-          answer(awaited_.value_or(now_) + data_.ConsumeIntegralInRange<std::int64_t>(-2, 2));
+          // May be at the end of the numbers, and wrap.
+          answer(static_cast<std::int64_t>(
+              static_cast<std::uint64_t>(awaited_.value_or(now_)) +
+              static_cast<std::uint64_t>(data_.ConsumeIntegralInRange<std::int64_t>(-2, 2))));
           break;
         case 10:
           answer(data_.ConsumeIntegral<std::int64_t>());
