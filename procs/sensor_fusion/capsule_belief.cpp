@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 namespace gastronaut::fusion {
@@ -79,6 +80,7 @@ Innovation CapsuleBelief::observe_magnet(const MagneticFix& fix, double scatter,
   auto place = innovation.jacobian.topRows<3>();
   place.middleCols<3>(kPosition).setIdentity();
   place.middleCols<3>(kPositionBias).setIdentity();
+  place.middleCols<3>(kVelocity) = time_offset * Eigen::Matrix3d::Identity();
   place.col(kTimeOffset) = velocity;
   if (!with_axis) return innovation;
 
@@ -102,9 +104,10 @@ Innovation CapsuleBelief::observe_magnet(const MagneticFix& fix, double scatter,
   return innovation;
 }
 
+// Linearised at the rotation and place that vision has measured, which do not wander with the
+// estimate.
 Innovation CapsuleBelief::observe_camera(const SE3& map_T_camera, const Matrix6d& noise,
                                          bool rotation_only) const {
-  const Eigen::Matrix3d camera_R_rig = rig_R_camera.conjugate().toRotationMatrix();
   const Eigen::Quaterniond expected = rig_T_map.rotation.conjugate() * rig_R_camera;
   const Eigen::Vector3d rotation = so3_log(expected.conjugate() * map_T_camera.rotation);
   Innovation innovation;
@@ -115,19 +118,24 @@ Innovation CapsuleBelief::observe_camera(const SE3& map_T_camera, const Matrix6d
     innovation.noise = noise.bottomRightCorner<3, 3>();
     return innovation;
   }
-  const Eigen::Vector3d arm = rig_T_camera().translation - rig_T_map.translation;
-  const Eigen::Vector3d seen = map_scale * (rig_T_map.rotation * map_T_camera.translation);
+  const Eigen::Matrix3d map_R_rig = rig_T_map.rotation.conjugate().toRotationMatrix();
+  const Eigen::Matrix3d map_R_camera = map_T_camera.rotation.toRotationMatrix();
+  const Eigen::Matrix3d camera_R_map = map_R_camera.transpose();
+  const Eigen::Vector3d seen = map_scale * map_T_camera.translation;
+  const Eigen::Vector3d arm = map_R_rig * (rig_T_camera().translation - rig_T_map.translation);
   innovation.residual.resize(6);
-  innovation.residual << camera_R_rig * (seen - arm), rotation;
+  innovation.residual << camera_R_map * (seen - arm), rotation;
   innovation.jacobian.setZero(6, kErrorSize);
   auto translation_rows = innovation.jacobian.topRows<3>();
-  translation_rows = camera_R_rig * camera_jacobian();
-  translation_rows.middleCols<3>(kMapPosition) = -camera_R_rig;
-  translation_rows.middleCols<3>(kMapRotation) = camera_R_rig * skew(arm);
-  translation_rows.col(kMapScale) = -camera_R_rig * arm;
+  translation_rows.middleCols<3>(kPosition) = camera_R_map * map_R_rig;
+  translation_rows.middleCols<3>(kRotation) = skew(magnet_position);
+  translation_rows.middleCols<3>(kMagnetPosition) = -Eigen::Matrix3d::Identity();
+  translation_rows.middleCols<3>(kMapPosition) = -camera_R_map;
+  translation_rows.middleCols<3>(kMapRotation) = camera_R_map * skew(seen);
+  translation_rows.col(kMapScale) = -camera_R_map * seen;
   auto rotation_rows = innovation.jacobian.bottomRows<3>();
   rotation_rows.middleCols<3>(kRotation).setIdentity();
-  rotation_rows.middleCols<3>(kMapRotation) = -camera_R_rig;
+  rotation_rows.middleCols<3>(kMapRotation) = -camera_R_map;
   innovation.noise = noise;
   return innovation;
 }
@@ -140,6 +148,12 @@ Gain CapsuleBelief::weigh(const Innovation& innovation) const {
   sum.noalias() += innovation.jacobian * gain.half;
   sum.diagonal().array() += kLeastVariance;
   const Eigen::LLT<decltype(sum)> cholesky(sum);
+  if (cholesky.info() != Eigen::Success) {
+    gain.half.setZero();
+    gain.whitened.setZero(sum.rows());
+    gain.log_density = -std::numeric_limits<double>::infinity();
+    return gain;
+  }
   gain.whitened = cholesky.matrixL().solve(innovation.residual);
   // half = covariance H^T L^-T, so that covariance -= half half^T stays symmetric.
   cholesky.matrixU().solveInPlace<Eigen::OnTheRight>(gain.half);
@@ -165,8 +179,9 @@ void CapsuleBelief::update(const Gain& gain) {
 
 void CapsuleBelief::let_map_drift(const Matrix6d& noise, double scale_variance) {
   // The map turns, and grows, about where the camera is: elsewhere it moves with that.
-  const Eigen::Matrix3d frame = rig_R_camera.toRotationMatrix();
-  const Eigen::Vector3d arm = rig_T_camera().translation - rig_T_map.translation;
+  const Eigen::Quaterniond map_R_rig = rig_T_map.rotation.conjugate();
+  const Eigen::Matrix3d frame = (map_R_rig * rig_R_camera).toRotationMatrix();
+  const Eigen::Vector3d arm = map_R_rig * (rig_T_camera().translation - rig_T_map.translation);
   Eigen::Matrix<double, 7, 7> driver = Eigen::Matrix<double, 7, 7>::Zero();
   Eigen::Matrix<double, 7, 7> spread = Eigen::Matrix<double, 7, 7>::Zero();
   spread.topLeftCorner<6, 6>() = noise;
@@ -181,22 +196,23 @@ void CapsuleBelief::let_map_drift(const Matrix6d& noise, double scale_variance) 
 
 void CapsuleBelief::establish_map(const SE3& map_T_camera, const Matrix6d& noise) {
   rig_T_map.rotation = (rig_R_camera * map_T_camera.rotation.conjugate()).normalized();
-  const Eigen::Vector3d arm = map_scale * (rig_T_map.rotation * map_T_camera.translation);
-  rig_T_map.translation = rig_T_camera().translation - arm;
+  const Eigen::Vector3d seen = map_scale * map_T_camera.translation;
+  rig_T_map.translation = rig_T_camera().translation - rig_T_map.rotation * seen;
   has_map = true;
 
   // The map's errors are the pose's, carried over, and the measurement's.
-  const Eigen::Matrix3d frame = rig_R_camera.toRotationMatrix();
+  const Eigen::Matrix3d frame = map_T_camera.rotation.toRotationMatrix();
+  const Eigen::Matrix3d map_R_rig = rig_T_map.rotation.conjugate().toRotationMatrix();
   ErrorMatrix carry = ErrorMatrix::Identity();
   carry.middleRows<6>(kMapPosition).setZero();
   carry.block<3, 3>(kMapRotation, kRotation) = frame;
-  carry.middleRows<3>(kMapPosition) = camera_jacobian();
-  carry.block<3, 3>(kMapPosition, kRotation) += skew(arm) * frame;
-  carry.block<3, 1>(kMapPosition, kMapScale) = -arm;
+  carry.middleRows<3>(kMapPosition) = map_R_rig * camera_jacobian();
+  carry.block<3, 3>(kMapPosition, kRotation) += skew(seen) * frame;
+  carry.block<3, 1>(kMapPosition, kMapScale) = -seen;
   covariance = (carry * covariance * carry.transpose()).eval();
   Matrix6d driver = Matrix6d::Zero();
   driver.topLeftCorner<3, 3>() = frame;
-  driver.topRightCorner<3, 3>() = skew(arm) * frame;
+  driver.topRightCorner<3, 3>() = skew(seen) * frame;
   driver.bottomRightCorner<3, 3>() = frame;
   covariance.block<6, 6>(kMapPosition, kMapPosition) += driver * noise * driver.transpose();
 }
@@ -238,8 +254,8 @@ void CapsuleBelief::add(const ErrorVector& error) {
   rig_R_camera = (rig_R_camera * so3_exp(error.segment<3>(kRotation))).normalized();
   velocity += error.segment<3>(kVelocity);
   turn += error.segment<3>(kTurn);
-  rig_T_map.translation += error.segment<3>(kMapPosition);
-  rig_T_map.rotation = (so3_exp(error.segment<3>(kMapRotation)) * rig_T_map.rotation).normalized();
+  rig_T_map.translation += rig_T_map.rotation * error.segment<3>(kMapPosition);
+  rig_T_map.rotation = (rig_T_map.rotation * so3_exp(error.segment<3>(kMapRotation))).normalized();
   map_scale *= std::exp(error(kMapScale));
   position_bias += error.segment<3>(kPositionBias);
   axis_bias += error.segment<3>(kAxisBias);

@@ -8,17 +8,20 @@
 //   rotation            rig_R_camera * exp(error): camera frame, radians
 //   velocity            of the magnet's centre, rig frame, metres a second
 //   turn                angular velocity, rig frame, radians a second
-//   map position        rig_T_map of position = map position + scale * rig_R_map * (VISUAL_POSE)
-//   map rotation        exp(error) * rig_R_map: rig frame
+//   map position        rig_T_map of position = map position + scale * rig_R_map * (VISUAL_POSE);
+//                       map frame, metres of the rig
+//   map rotation        rig_R_map * exp(error): map frame
 //   map scale           scale * exp(error)
 //   position bias       of the magnetic fix, rig frame: what the array's calibration leaves
 //   axis bias           rotation vector, rig frame, likewise
 //   magnet position     magnet's centre, camera frame: what `calibrate hand-eye` leaves
 //   magnet axis         two rotations about perpendicular_basis(axis), camera frame
 //   time offset         seconds that a magnetic reading was taken after its utime
-// In these coordinates a roll about the magnet's axis touches nothing else. With the camera's
-// position, or its angular velocity in its own frame, an unknown roll would seem to be observable
-// by the magnet alone, and be taken for known in the end.
+// In these coordinates a roll about the magnet's axis, vision's map with it, is the same
+// combination of errors whatever the estimate, as long as vision sees no motion. With the camera's
+// position, its angular velocity in its own frame, or the map's errors in the rig frame, noise in
+// the estimate would seem to tell of the roll, and it would be taken for known in the end (the
+// inconsistency that first-estimate Jacobians mend: Huang, Mourikis, Roumeliotis 2008).
 #pragma once
 
 #include <Eigen/Core>
@@ -52,10 +55,10 @@ using ErrorMatrix = Eigen::Matrix<double, kErrorSize, kErrorSize>;
 struct BeliefModel {
   // Velocities fade with this time constant and are driven by white noise: constant velocity over
   // the gap between two measurements, at rest in the end when nothing is heard any more.
-  double velocity_memory = 5;           // seconds
-  double turn_memory = 2;               // seconds
-  double acceleration_std = 0.02;       // m/s^2 sqrt(s)
-  double angular_acceleration_std = 1;  // rad/s^2 sqrt(s)
+  double velocity_memory = 5;             // seconds
+  double turn_memory = 2;                 // seconds
+  double acceleration_std = 0.02;         // m/s^2 sqrt(s)
+  double angular_acceleration_std = 0.3;  // rad/s^2 sqrt(s)
   // Part of the magnetic fix's variance that stays while the magnet stays where it is, at least:
   // how much more it is, the scatter of the fixes tells.
   double bias_share = 0.15;
@@ -81,9 +84,11 @@ struct Innovation {
 
 // How well an innovation fits, and what it does to the belief.
 struct Gain {
-  double log_density = 0;  // of the residual, natural logarithm
-  double chi2 = 0;         // residual^T S^-1 residual
-  double log_det = 0;      // of 2 pi S
+  // Of the residual, natural logarithm; minus infinity where it cannot be told, and then the gain
+  // does nothing.
+  double log_density = 0;
+  double chi2 = 0;     // residual^T S^-1 residual
+  double log_det = 0;  // of 2 pi S
   Eigen::Matrix<double, kErrorSize, Eigen::Dynamic, 0, kErrorSize, Innovation::kMost> half;
   Eigen::Matrix<double, Eigen::Dynamic, 1, 0, Innovation::kMost, 1> whitened;
 };

@@ -16,9 +16,8 @@ struct PictureQuality {
 class VisualCause {
  public:
   void add(const PictureQuality& picture);
-  // Why a frame with this picture (the one added last, if it was of the same utime) was lost or
-  // badly held: "blur", "specular", "dark", "overexposed", "foreign light", "corrupt",
-  // "low texture" (tracked, but badly held) or "lost".
+  // Why a frame with the picture added last was lost or badly held: "blur", "specular", "dark",
+  // "overexposed", "foreign light", "corrupt", "low texture" (tracked, but badly held) or "lost".
   std::string describe(bool is_lost) const;
 
  private:

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <numbers>
 
 #include "gastronaut/capsule_state_t.hpp"
 #include "gastronaut/pose_t.hpp"
@@ -14,8 +15,9 @@ namespace gastronaut {
 namespace {
 
 constexpr const char* kSensorNames[fusion::kNumSensors] = {"magnetic", "visual"};
-// Of 5 numbers, where 20.5 is passed once in a thousand: enough for a warning to a person.
-constexpr double kHandEyeChi2 = 30;
+// Of 5 numbers: passed once in a thousand where the calibration fits, enough for a warning to a
+// person.
+constexpr double kHandEyeChi2 = 20;
 constexpr double kTimeOffsetSigmas = 4;
 // Less than this vision makes itself, by its errors between two keyframes.
 constexpr double kLeastTimeOffset = 15e-3;  // seconds
@@ -161,14 +163,15 @@ void SensorFusionProcess::report(const fusion::FusedState& state) {
   const bool fits = check.hand_eye_chi2 < kHandEyeChi2;
   if (!fits) {
     const Eigen::Vector3d millimetres = 1e3 * check.magnet_position;
-    add(fmt::format(
-        "camera_T_magnet no longer fits: the magnet seems to be at ({:.1f}, {:.1f}, "
-        "{:.1f}) mm, its axis {:.1f} degrees off; run calibrate hand-eye",
-        millimetres.x(), millimetres.y(), millimetres.z(), check.axis_change * 180 / M_PI));
+    add(
+        fmt::format("camera_T_magnet no longer fits: the magnet seems to be at ({:.1f}, {:.1f}, "
+                    "{:.1f}) mm, its axis {:.1f} degrees off; run calibrate hand-eye",
+                    millimetres.x(), millimetres.y(), millimetres.z(),
+                    check.axis_change * 180 / std::numbers::pi));
   }
-  const double late = check.time_offset - configuration_.magnetic_time_offset;
+  const double late = check.clock.offset - configuration_.magnetic_time_offset;
   const bool in_time =
-      std::abs(late) < std::max(kLeastTimeOffset, kTimeOffsetSigmas * check.time_offset_std);
+      std::abs(late) < std::max(kLeastTimeOffset, kTimeOffsetSigmas * check.clock.std);
   if (!in_time) {
     add(
         fmt::format("the clocks of magnet and camera differ by {:.1f} ms more than configured: set "

@@ -49,6 +49,7 @@ double SwitchParticles::update(std::size_t sensor,
     failed_density.push_back(std::exp(likelihood.log_failed - largest));
   }
   std::vector<double>& alpha = alpha_[sensor];
+  const std::vector<double> before = weight_;
   double sum = 0;
   double nominal_sum = 0;
   for (std::size_t i = 0; i < size(); ++i) {
@@ -61,10 +62,11 @@ double SwitchParticles::update(std::size_t sensor,
     sum += weight_[i];
   }
   // Every history that particles still hold is out of the question compared with one that none
-  // holds: keep them all as they are.
+  // holds: a measurement for nobody. All histories stay as likely as they are.
   const bool lost = !(sum > 0) || !std::isfinite(sum);
-  const double posterior = lost ? 0.5 : nominal_sum / sum;
-  for (double& weight : weight_) weight = lost ? 1 / static_cast<double>(size()) : weight / sum;
+  if (lost) std::fill(nominal_.begin(), nominal_.end(), 0.0);
+  const double posterior = lost ? 0 : nominal_sum / sum;
+  for (std::size_t i = 0; i < size(); ++i) weight_[i] = lost ? before[i] : weight_[i] / sum;
 
   const CounterRandom uniforms(seed_, kStreamsPerStep * step_);
   for (std::size_t i = 0; i < size(); ++i) {
@@ -88,6 +90,7 @@ void SwitchParticles::renumber(const std::vector<int>& number) {
     belief_[i] = std::max(belief, 0);
     kept += weight_[i];
   }
+  if (!(kept > 0)) throw std::invalid_argument("sensor_fusion: no history of failures is left");
   for (double& weight : weight_) weight /= kept;
 }
 

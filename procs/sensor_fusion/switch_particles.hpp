@@ -38,7 +38,7 @@ class SwitchParticles {
   // nominal.
   double update(std::size_t sensor, const std::vector<SwitchLikelihood>& likelihoods);
   // Particle i belongs to belief `number[2 * belief()[i] + is_nominal()[i]]` from now on; -1: that
-  // history is given up, and the particle with it.
+  // history is given up, and the particle with it. Throws std::invalid_argument when none is left.
   void renumber(const std::vector<int>& number);
   // Systematic resampling where the effective number of particles is below half.
   void resample();

@@ -13,18 +13,20 @@ namespace {
 
 constexpr double kMicrosecond = 1e-6;
 constexpr double kStartConfidence = 0.9;
-constexpr double kLongestStep = 60;       // seconds: after a longer gap nothing more is forgotten
+constexpr double kLongestGap = 60;        // seconds: after a longer one nothing more is forgotten
+constexpr double kLongestStep = 0.25;     // seconds of prediction at once
 constexpr double kUsualInterval = 0.05;   // seconds, until a sensor's own is known
 constexpr double kLongestInterval = 0.2;  // no sensor is expected to be slower
 constexpr double kIntervalMemory = 0.1;
 constexpr double kLeastSilence = 0.1;  // seconds
 constexpr int kMostSilences = 50;      // counted at once: by then the sensor has failed anyway
-// Histories that differ little are many, and cost time: the likeliest are kept.
+// Histories that differ little are many, and cost time: the likeliest are kept, of at least two.
 constexpr std::size_t kMostBeliefs = 12;
 constexpr double kLeastHistory = 1e-6;  // weight
 constexpr double kOpenRoll = 0.5;       // radians, one sigma: no Gaussian is that wide
 // Where nothing is known of the capsule it is within this of the array's centre.
 constexpr double kSearchBox = 0.3;  // metres
+constexpr double kFarthest = 100;   // metres: nothing is that far, nor that uncertain
 // How fast a sensor's noise is learnt, a measurement; outliers count as so many sigmas at most.
 constexpr double kLearningRate[kNumSensors] = {0.002, 0.01};
 // What the check of the calibration starts from, one sigma.
@@ -39,6 +41,7 @@ constexpr double kLeastScatter = 0.02;
 constexpr double kInnovationMemory = 0.02;
 constexpr double kDriftLearningRate = 0.15;
 constexpr double kMostDriftInflation = 400;
+constexpr double kMoved = 20;       // sigmas of vision's noise
 constexpr double kLongestPath = 4;  // of vision between two frames, working distances
 constexpr double kMostSurprise = 4;
 constexpr double kMostInflation = 25;
@@ -50,14 +53,14 @@ bool is_covariance(const Eigen::MatrixXd& matrix) {
 
 bool is_good(const MagneticFix& fix) {
   constexpr double kUnit = 1e-3;
-  return fix.position.allFinite() && fix.axis.allFinite() &&
-         std::abs(fix.axis.norm() - 1) < kUnit && is_covariance(fix.covariance);
+  return fix.position.norm() < kFarthest && std::abs(fix.axis.norm() - 1) < kUnit &&
+         is_covariance(fix.covariance) &&
+         fix.covariance.diagonal().maxCoeff() < kFarthest * kFarthest;
 }
 
 bool is_good(const SE3& pose) {
   constexpr double kUnit = 1e-3;
-  return pose.translation.allFinite() && pose.rotation.coeffs().allFinite() &&
-         std::abs(pose.rotation.norm() - 1) < kUnit;
+  return pose.translation.norm() < kFarthest && std::abs(pose.rotation.norm() - 1) < kUnit;
 }
 
 // The part of a symmetric matrix that is not negative.
@@ -109,20 +112,17 @@ FusedState SwitchingFilter::update(const MagneticMeasurement& measurement) {
   to_rig.topLeftCorner<3, 3>().setIdentity();
   to_rig.bottomRightCorner<3, 2>() = perpendicular_basis(fix.axis);
   bias_covariance_ = bias_share * to_rig * fix.covariance * to_rig.transpose();
-  if (beliefs_.empty()) {
+  if (histories_.empty()) {
     begin(fix);
     return state(measurement.utime);
   }
   const bool with_axis = !options_.position_and_rotation_only || !has_begun_;
-  assimilate(Sensor::kMagnetic, measurement.utime, [&](const CapsuleBelief& belief) {
+  assimilate(Sensor::kMagnetic, [&](const CapsuleBelief& belief) {
     return belief.observe_magnet(fix, scatter_, with_axis);
   });
   const SensorRecord& magnetic = record(Sensor::kMagnetic);
-  if (magnetic.refused &&
-      static_cast<double>(measurement.utime - *magnetic.refused) * kMicrosecond >
-          options_.magnetic_patience) {
-    begin_again(fix);
-  }
+  if (magnetic.health.is_used) clock_.add_fix(measurement.utime, fix.position);
+  if (magnetic.refused_for > options_.magnetic_patience) begin_again(fix);
   return state(measurement.utime);
 }
 
@@ -132,29 +132,31 @@ FusedState SwitchingFilter::update(const VisualMeasurement& measurement) {
   advance(measurement.utime);
   note_arrival(Sensor::kVisual, measurement.utime);
   notice_silence(Sensor::kMagnetic, measurement.utime);
+  meet_map(measurement);
   if (!is_usable) {
     count_unusable(Sensor::kVisual, measurement.is_usable ? "corrupt" : measurement.cause);
-  } else if (!beliefs_.empty()) {
-    meet_map(measurement);
-    if (!beliefs_.front().has_map) {
+  } else if (!histories_.empty()) {
+    if (!likeliest().has_map) {
       establish_maps(measurement);
+    } else if (!has_begun_ && !has_moved(measurement)) {
+      return state(measurement.utime);
     } else {
       let_maps_drift(measurement);
       const Matrix6d noise = visual_noise(measurement);
       const bool rotation_only = options_.position_and_rotation_only && has_begun_;
-      assimilate(Sensor::kVisual, measurement.utime, [&](const CapsuleBelief& belief) {
+      assimilate(Sensor::kVisual, [&](const CapsuleBelief& belief) {
         return belief.observe_camera(measurement.map_T_camera, noise, rotation_only);
       });
     }
+    watch_clock(measurement);
     last_map_T_camera_ = measurement.map_T_camera;
+    last_frame_utime_ = measurement.utime;
     if (!measurement.is_degraded && is_covariance(measurement.covariance)) {
       well_held_ = measurement.covariance;
     }
-    const SensorRecord& visual = record(Sensor::kVisual);
-    if (visual.refused && static_cast<double>(measurement.utime - *visual.refused) * kMicrosecond >
-                              options_.visual_patience) {
-      for (CapsuleBelief& belief : beliefs_) belief.has_map = false;
-      record(Sensor::kVisual).refused.reset();
+    if (record(Sensor::kVisual).refused_for > options_.visual_patience) {
+      for_each_belief([](CapsuleBelief& belief) { belief.has_map = false; });
+      record(Sensor::kVisual).refused_for = 0;
     }
   }
   const FusedState result = state(measurement.utime);
@@ -163,19 +165,24 @@ FusedState SwitchingFilter::update(const VisualMeasurement& measurement) {
 }
 
 void SwitchingFilter::advance(std::int64_t utime) {
-  const double elapsed = static_cast<double>(utime - utime_) * kMicrosecond;
+  const double elapsed = std::min(static_cast<double>(utime - utime_) * kMicrosecond, kLongestGap);
   utime_ = utime;
   if (!(elapsed > 0)) return;
-  for (CapsuleBelief& belief : beliefs_) {
-    belief.predict(std::min(elapsed, kLongestStep), options_.model, bias_covariance_);
+  const int steps = static_cast<int>(std::ceil(elapsed / kLongestStep));
+  for (int i = 0; i < steps; ++i) {
+    const auto predict = [&](CapsuleBelief& belief) {
+      belief.predict(elapsed / steps, options_.model, bias_covariance_);
+    };
+    for_each_belief(predict);
+    if (check_) predict(*check_);
   }
-  if (check_) check_->predict(std::min(elapsed, kLongestStep), options_.model, bias_covariance_);
 }
 
 void SwitchingFilter::note_arrival(Sensor sensor, std::int64_t utime) {
   SensorRecord& arrived = record(sensor);
   if (arrived.last) {
     const double interval = static_cast<double>(utime - *arrived.last) * kMicrosecond;
+    arrived.since_last = interval;
     if (arrived.interval == 0) arrived.interval = std::min(interval, kLongestInterval);
     if (interval < kLongestInterval) {
       arrived.interval += kIntervalMemory * (interval - arrived.interval);
@@ -201,19 +208,21 @@ void SwitchingFilter::notice_silence(Sensor sensor, std::int64_t utime) {
 }
 
 void SwitchingFilter::count_unusable(Sensor sensor, const std::string& cause) {
-  record(sensor).told_cause = cause;
-  record(sensor).refused.reset();
-  const std::size_t beliefs = std::max<std::size_t>(beliefs_.size(), 1);
+  SensorRecord& unusable = record(sensor);
+  unusable.told_cause = cause;
+  unusable.refused_for =
+      std::max(0.0, unusable.refused_for - std::min(unusable.since_last, kLongestInterval));
+  const std::size_t histories = std::max<std::size_t>(histories_.size(), 1);
   const double nominal = particles_.update(
       static_cast<std::size_t>(sensor),
-      std::vector<SwitchLikelihood>(beliefs, {std::log(options_.unusable_share), 0.0}));
+      std::vector<SwitchLikelihood>(histories, {std::log(options_.unusable_share), 0.0}));
   // The pose is the same whether or not the sensor has failed: one history.
   std::vector<int> number;
-  for (std::size_t i = 0; i < beliefs; ++i) number.insert(number.end(), 2, static_cast<int>(i));
+  for (std::size_t i = 0; i < histories; ++i) number.insert(number.end(), 2, static_cast<int>(i));
   particles_.renumber(number);
   particles_.resample();
   set_health(sensor, nominal);
-  record(sensor).health.is_used = false;
+  unusable.health.is_used = false;
 }
 
 void SwitchingFilter::begin(const MagneticFix& fix) {
@@ -234,31 +243,35 @@ void SwitchingFilter::begin(const MagneticFix& fix) {
   belief.position = fix.position;
   belief.rig_R_camera =
       Eigen::Quaterniond::FromTwoVectors(belief.magnet_axis, fix.axis).normalized();
-  c.block<3, 3>(kPosition, kPosition) = fix.covariance.topLeftCorner<3, 3>();
-  const Eigen::Matrix<double, 3, 2> tangent =
-      belief.rig_R_camera.conjugate().toRotationMatrix() * perpendicular_basis(fix.axis);
-  c.block<3, 3>(kRotation, kRotation) =
-      tangent * fix.covariance.bottomRightCorner<2, 2>() * tangent.transpose();
+  const Eigen::Matrix3d camera_R_rig = belief.rig_R_camera.conjugate().toRotationMatrix();
+  Eigen::Matrix<double, 6, 5> to_error = Eigen::Matrix<double, 6, 5>::Zero();
+  to_error.topLeftCorner<3, 3>().setIdentity();
+  to_error.bottomRightCorner<3, 2>() = camera_R_rig * perpendicular_basis(fix.axis);
+  c.block<6, 6>(kPosition, kPosition) = to_error * fix.covariance * to_error.transpose();
+  // The pose is wrong by what the fix is, its bias included: in the other direction.
+  Matrix6d bias_to_error = -Matrix6d::Identity();
+  bias_to_error.bottomRightCorner<3, 3>() = -camera_R_rig;
+  const Matrix6d shared = bias_to_error * bias_covariance_;
+  c.block<6, 6>(kPosition, kPositionBias) = shared;
+  c.block<6, 6>(kPositionBias, kPosition) = shared.transpose();
   begin_rolls(belief);
 }
 
 void SwitchingFilter::begin_rolls(const CapsuleBelief& belief) {
-  const double step = 2 * std::numbers::pi / options_.rolls;
-  beliefs_.clear();
-  for (int i = 0; i < options_.rolls; ++i) {
-    // Neighbours meet at two sigmas.
-    beliefs_.push_back(belief.rolled(i * step, step * step / 4));
-  }
-  particles_.spread(beliefs_.size());
+  histories_ = {BeliefMixture::of_all_rolls(belief, options_.rolls)};
+  particles_.spread(histories_.size());
   has_begun_ = false;
 }
 
 // The magnet is absolute: where it has contradicted for long, the pose was wrong.
 void SwitchingFilter::begin_again(const MagneticFix& fix) {
-  beliefs_.clear();
   check_.reset();
-  record(Sensor::kMagnetic).refused.reset();
-  record(Sensor::kMagnetic).inflation = 1;
+  for (SensorRecord& sensor : sensors_) {
+    sensor.refused_for = 0;
+    sensor.inflation = 1;
+  }
+  drift_inflation_ = 1;
+  recent_innovation_.setZero();
   begin(fix);
 }
 
@@ -269,12 +282,14 @@ void SwitchingFilter::meet_map(const VisualMeasurement& measurement) {
   check_.reset();
   const double before = scale_of_map_;
   if (map_version_) scale_of_map_ = measurement.map_version > *map_version_ ? told_scale_ : 1;
-  for (CapsuleBelief& belief : beliefs_) {
+  for_each_belief([&](CapsuleBelief& belief) {
     belief.has_map = false;
     belief.map_scale *= before / scale_of_map_;
-  }
+  });
   map_version_ = measurement.map_version;
   last_map_T_camera_.reset();
+  well_held_.reset();
+  clock_.forget_path();
 }
 
 void SwitchingFilter::establish_maps(const VisualMeasurement& measurement) {
@@ -283,20 +298,21 @@ void SwitchingFilter::establish_maps(const VisualMeasurement& measurement) {
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> rotation(
         now.covariance.bottomRightCorner<3, 3>(), Eigen::EigenvaluesOnly);
     if (rotation.eigenvalues()(2) > kOpenRoll * kOpenRoll) {
-      begin_rolls(CapsuleBelief(beliefs_[likeliest()]));
+      begin_rolls(CapsuleBelief(likeliest()));
     }
   }
   const BeliefModel& model = options_.model;
   const Matrix6d noise = swinging_noise(model.visual_position_std * model.working_distance,
                                         model.visual_rotation_std, model.working_distance);
-  for (CapsuleBelief& belief : beliefs_) belief.establish_map(measurement.map_T_camera, noise);
+  for_each_belief(
+      [&](CapsuleBelief& belief) { belief.establish_map(measurement.map_T_camera, noise); });
   check_.reset();
   if (has_begun_) begin_check();
 }
 
 // The likeliest belief, but with a calibration that is hardly known.
 void SwitchingFilter::begin_check() {
-  check_ = beliefs_[likeliest()];
+  check_ = likeliest();
   check_->learns_calibration = true;
   ErrorMatrix& c = check_->covariance;
   c.middleRows<kCalibrationSize>(kCalibration).setZero();
@@ -304,6 +320,32 @@ void SwitchingFilter::begin_check() {
   c.diagonal().segment<3>(kMagnetPosition).setConstant(kUnknownPosition * kUnknownPosition);
   c.diagonal().segment<2>(kMagnetAxis).setConstant(kUnknownAxis * kUnknownAxis);
   c(kTimeOffset, kTimeOffset) = kUnknownTimeOffset * kUnknownTimeOffset;
+}
+
+// Since the last frame that was made use of. As long as the roll is open others are not: the model
+// expects motion, and would take the noise of a resting camera for it, and for evidence.
+bool SwitchingFilter::has_moved(const VisualMeasurement& measurement) const {
+  if (!last_map_T_camera_) return true;
+  const BeliefModel& model = options_.model;
+  const SE3 moved = last_map_T_camera_->inverse() * measurement.map_T_camera;
+  return likeliest().map_scale * moved.translation.norm() >
+             kMoved * model.visual_position_std * model.working_distance ||
+         angle_between(moved.rotation, Eigen::Quaterniond::Identity()) >
+             kMoved * model.visual_rotation_std;
+}
+
+void SwitchingFilter::watch_clock(const VisualMeasurement& measurement) {
+  if (!last_map_T_camera_ || !record(Sensor::kVisual).health.is_used || measurement.is_degraded) {
+    clock_.forget_path();
+    return;
+  }
+  const CapsuleBelief& belief = likeliest();
+  const SE3 from = *last_map_T_camera_;
+  const SE3 to = measurement.map_T_camera;
+  const Eigen::Vector3d moved = belief.map_scale * (to.translation - from.translation) +
+                                to.rotation * belief.magnet_position -
+                                from.rotation * belief.magnet_position;
+  clock_.add_path(last_frame_utime_, measurement.utime, moved, belief.rig_T_map.rotation);
 }
 
 // Along the path since the last frame.
@@ -322,7 +364,7 @@ void SwitchingFilter::let_maps_drift(const VisualMeasurement& measurement) {
                                             model.drift_rotation, model.working_distance),
                          factor * path * model.drift_scale * model.drift_scale);
   };
-  for (CapsuleBelief& belief : beliefs_) drift(belief, inflation);
+  for_each_belief([&](CapsuleBelief& belief) { drift(belief, inflation); });
   if (check_) drift(*check_, kPatienceWithDrift * inflation);
 }
 
@@ -333,37 +375,40 @@ Matrix6d SwitchingFilter::visual_noise(const VisualMeasurement& measurement) con
                    swinging_noise(model.visual_position_std * model.working_distance,
                                   model.visual_rotation_std, model.working_distance);
   if (measurement.is_degraded && well_held_ && is_covariance(measurement.covariance)) {
-    noise += positive_part(measurement.covariance - *well_held_);
+    Vector6d to_metres = Vector6d::Ones();
+    to_metres.head<3>().setConstant(likeliest().map_scale);
+    noise += to_metres.asDiagonal() * positive_part(measurement.covariance - *well_held_) *
+             to_metres.asDiagonal();
   }
   return noise;
 }
 
-void SwitchingFilter::assimilate(Sensor sensor, std::int64_t utime, const Observe& observe) {
-  std::vector<Gain> gains;
+void SwitchingFilter::assimilate(Sensor sensor, const Observe& observe) {
+  std::vector<MixtureGain> gains;
   std::vector<SwitchLikelihood> likelihoods;
-  for (const CapsuleBelief& belief : beliefs_) {
-    gains.push_back(belief.weigh(observe(belief)));
-    likelihoods.push_back(
-        {gains.back().log_density, log_density_of_anything(sensor, gains.back().whitened.size())});
+  for (const BeliefMixture& history : histories_) {
+    gains.push_back(history.weigh(observe));
+    const Eigen::Index size = gains.back().gains.front().whitened.size();
+    likelihoods.push_back({gains.back().log_density, log_density_of_anything(sensor, size)});
   }
-  record(sensor).told_cause.clear();
-  const double nominal = particles_.update(static_cast<std::size_t>(sensor), likelihoods);
-  set_health(sensor, nominal);
   SensorRecord& used = record(sensor);
+  used.told_cause.clear();
+  set_health(sensor, particles_.update(static_cast<std::size_t>(sensor), likelihoods));
   used.health.is_used = !failed(sensor);
   if (used.health.is_used) {
-    learn_noise(sensor, gains);
-    used.refused.reset();
+    const std::size_t history = likeliest_history();
+    learn_noise(sensor, gains[history].gains[histories_[history].likeliest()]);
+    used.refused_for = 0;
     if (check_) check_->update(check_->weigh(observe(*check_)));
-  } else if (!used.refused) {
-    used.refused = utime;
+  } else {
+    used.refused_for += std::min(used.since_last, kLongestInterval);
   }
   branch(gains);
 }
 
 // A sensor whose innovations are larger than they should be is noisier than it says.
-void SwitchingFilter::learn_noise(Sensor sensor, const std::vector<Gain>& gains) {
-  const Gain& gain = gains[likeliest()];
+void SwitchingFilter::learn_noise(Sensor sensor, const Gain& gain) {
+  if (!std::isfinite(gain.log_density)) return;
   const double surprise =
       std::min(gain.chi2 / static_cast<double>(gain.whitened.size()), kMostSurprise);
   SensorRecord& learnt = record(sensor);
@@ -386,8 +431,8 @@ void SwitchingFilter::learn_drift(const Gain& magnetic) {
 // Fixes one after the other share their bias: what they differ by, motion apart, is not bias.
 void SwitchingFilter::learn_scatter(std::int64_t utime, const MagneticFix& fix) {
   const double elapsed = static_cast<double>(utime - last_fix_utime_) * kMicrosecond;
-  if (last_fix_ && !beliefs_.empty() && elapsed > 0 && elapsed < kLongestScatter) {
-    const CapsuleBelief& belief = beliefs_[likeliest()];
+  if (last_fix_ && !histories_.empty() && elapsed > 0 && elapsed < kLongestScatter) {
+    const CapsuleBelief& belief = likeliest();
     Vector5d difference;
     const Eigen::Vector3d turned =
         so3_log(Eigen::Quaterniond::FromTwoVectors(last_fix_->axis, fix.axis)) -
@@ -395,7 +440,8 @@ void SwitchingFilter::learn_scatter(std::int64_t utime, const MagneticFix& fix) 
     difference << fix.position - last_fix_->position - elapsed * belief.velocity,
         perpendicular_basis(fix.axis).transpose() * turned;
     const Matrix5d both = fix.covariance + last_fix_->covariance;
-    const double share = std::min(difference.dot(both.llt().solve(difference)) / 5, kMostSurprise);
+    const double chi2 = difference.dot(both.llt().solve(difference));
+    const double share = std::isfinite(chi2) ? std::min(chi2 / 5, kMostSurprise) : 1;
     scatter_ += kScatterLearningRate * (share - scatter_);
     scatter_ = std::max(scatter_, kLeastScatter);
   }
@@ -403,32 +449,48 @@ void SwitchingFilter::learn_scatter(std::int64_t utime, const MagneticFix& fix) 
   last_fix_utime_ = utime;
 }
 
-std::size_t SwitchingFilter::likeliest() const {
-  const std::vector<double> weights = particles_.belief_weights(beliefs_.size());
+std::size_t SwitchingFilter::likeliest_history() const {
+  const std::vector<double> weights = particles_.belief_weights(histories_.size());
   return static_cast<std::size_t>(std::max_element(weights.begin(), weights.end()) -
                                   weights.begin());
 }
 
-// Each history of switches that particles hold becomes a belief of its own.
-void SwitchingFilter::branch(const std::vector<Gain>& gains) {
-  const std::vector<double> weights = particles_.history_weights(beliefs_.size());
+const CapsuleBelief& SwitchingFilter::likeliest() const {
+  const BeliefMixture& history = histories_[likeliest_history()];
+  return history.beliefs[history.likeliest()];
+}
+
+void SwitchingFilter::for_each_belief(const std::function<void(CapsuleBelief&)>& action) {
+  for (BeliefMixture& history : histories_) {
+    for (CapsuleBelief& belief : history.beliefs) action(belief);
+  }
+}
+
+std::size_t SwitchingFilter::num_beliefs() const {
+  std::size_t count = 0;
+  for (const BeliefMixture& history : histories_) count += history.beliefs.size();
+  return count;
+}
+
+// Each history of switches that particles hold becomes one of its own.
+void SwitchingFilter::branch(const std::vector<MixtureGain>& gains) {
+  const std::vector<double> weights = particles_.history_weights(histories_.size());
   std::vector<std::size_t> order(weights.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(),
                    [&weights](std::size_t a, std::size_t b) { return weights[a] > weights[b]; });
-  const std::size_t most =
-      has_begun_
-          ? kMostBeliefs
-          : std::max<std::size_t>(kMostBeliefs, 2 * static_cast<std::size_t>(options_.rolls));
   std::vector<int> number(weights.size(), -1);
-  std::vector<CapsuleBelief> next;
+  std::vector<BeliefMixture> next;
+  std::size_t beliefs = 0;
   for (const std::size_t history : order) {
-    if (next.size() == most || (weights[history] < kLeastHistory && !next.empty())) break;
+    if (!next.empty() && weights[history] < kLeastHistory) break;
+    if (next.size() >= 2 && beliefs >= kMostBeliefs) break;
     number[history] = static_cast<int>(next.size());
-    next.push_back(beliefs_[history / 2]);
+    next.push_back(histories_[history / 2]);
     if (history % 2 == 1) next.back().update(gains[history / 2]);
+    beliefs += next.back().beliefs.size();
   }
-  beliefs_ = std::move(next);
+  histories_ = std::move(next);
   particles_.renumber(number);
   particles_.resample();
 }
@@ -451,32 +513,41 @@ FusedState SwitchingFilter::state(std::int64_t utime) {
   FusedState result;
   result.utime = utime;
   for (std::size_t i = 0; i < kNumSensors; ++i) result.sensors[i] = sensors_[i].health;
-  if (beliefs_.empty()) {
+  if (histories_.empty()) {
     result.covariance.diagonal() << Eigen::Vector3d::Constant(kSearchBox * kSearchBox),
         Eigen::Vector3d::Constant(std::numbers::pi * std::numbers::pi / 3);
     return result;
   }
   // Mean and covariance of the mixture, on the tangent of its likeliest part.
-  const std::vector<double> weights = particles_.belief_weights(beliefs_.size());
-  const SE3 centre = beliefs_[likeliest()].rig_T_camera();
+  const std::vector<double> history_weights = particles_.belief_weights(histories_.size());
+  const SE3 centre = likeliest().rig_T_camera();
   std::vector<Vector6d> offsets;
   Vector6d mean = Vector6d::Zero();
   double log_scale = 0;
-  for (std::size_t i = 0; i < beliefs_.size(); ++i) {
-    const SE3 pose = beliefs_[i].rig_T_camera();
+  const auto for_each = [&](const auto& action) {
+    for (std::size_t i = 0; i < histories_.size(); ++i) {
+      const BeliefMixture& history = histories_[i];
+      for (std::size_t k = 0; k < history.beliefs.size(); ++k) {
+        action(history.beliefs[k], history_weights[i] * history.weights[k]);
+      }
+    }
+  };
+  for_each([&](const CapsuleBelief& belief, double weight) {
+    const SE3 pose = belief.rig_T_camera();
     Vector6d offset;
     offset << pose.translation - centre.translation,
         so3_log(centre.rotation.conjugate() * pose.rotation);
-    mean += weights[i] * offset;
+    mean += weight * offset;
     offsets.push_back(offset);
-    result.velocity += weights[i] * beliefs_[i].camera_velocity();
-    result.angular_velocity += weights[i] * (pose.rotation.conjugate() * beliefs_[i].turn);
-    log_scale += weights[i] * std::log(beliefs_[i].map_scale);
-  }
-  for (std::size_t i = 0; i < beliefs_.size(); ++i) {
-    const Vector6d offset = offsets[i] - mean;
-    result.covariance += weights[i] * (beliefs_[i].pose_covariance() + offset * offset.transpose());
-  }
+    result.velocity += weight * belief.camera_velocity();
+    result.angular_velocity += weight * (pose.rotation.conjugate() * belief.turn);
+    log_scale += weight * std::log(belief.map_scale);
+  });
+  auto next_offset = offsets.begin();
+  for_each([&](const CapsuleBelief& belief, double weight) {
+    const Vector6d offset = *next_offset++ - mean;
+    result.covariance += weight * (belief.pose_covariance() + offset * offset.transpose());
+  });
   result.rig_T_camera = {(centre.rotation * so3_exp(mean.tail<3>())).normalized(),
                          centre.translation + mean.head<3>()};
   result.depth_scale = scale_of_map_ * std::exp(log_scale);
@@ -493,19 +564,18 @@ FusedState SwitchingFilter::state(std::int64_t utime) {
   } else {
     result.status = has_begun_ ? FusionStatus::kNominal : FusionStatus::kInitialising;
   }
-  if (has_begun_ && !check_ && beliefs_[likeliest()].has_map) begin_check();
+  if (has_begun_ && !check_ && likeliest().has_map) begin_check();
   return result;
 }
 
 CalibrationCheck SwitchingFilter::check_calibration() const {
   CalibrationCheck check;
+  check.clock = clock_.estimate();
   if (!check_) return check;
   const Eigen::Vector3d axis = options_.camera_T_magnet.rotation * Eigen::Vector3d::UnitZ();
   check.magnet_position = check_->magnet_position;
   check.axis_change =
       std::atan2(axis.cross(check_->magnet_axis).norm(), axis.dot(check_->magnet_axis));
-  check.time_offset = check_->time_offset;
-  check.time_offset_std = std::sqrt(std::max(0.0, check_->covariance(kTimeOffset, kTimeOffset)));
 
   Vector5d change;
   change << check_->magnet_position - options_.camera_T_magnet.translation,

@@ -2,8 +2,8 @@
 // confidence for each sensor (paper, section on fusion; Caron et al. 2007), Rao-Blackwellised.
 //
 // Particles (switch_particles.hpp) hold histories of failures; the pose given such a history is a
-// Gaussian (capsule_belief.hpp). What a magnet cannot tell, the roll about its axis, starts as
-// `rolls` hypotheses that the first motions decide between.
+// sum of Gaussians (belief_mixture.hpp): what a magnet cannot tell, the roll about its axis, starts
+// as `rolls` hypotheses that the first motions decide between.
 //
 // Vision is in a map of its own: its similarity to the rig is part of the belief, drifts, and is
 // established anew from the present pose whenever vision's map is another one. So a sensor that
@@ -17,7 +17,8 @@
 #include <string>
 #include <vector>
 
-#include "sensor_fusion/capsule_belief.hpp"
+#include "sensor_fusion/belief_mixture.hpp"
+#include "sensor_fusion/clock_watch.hpp"
 #include "sensor_fusion/switch_particles.hpp"
 
 namespace gastronaut::fusion {
@@ -25,7 +26,7 @@ namespace gastronaut::fusion {
 enum class Sensor : std::size_t { kMagnetic = 0, kVisual = 1 };
 
 enum class FusionStatus : std::int8_t {
-  kInitialising = 0,  // the roll is still open
+  kInitialising = 0,  // the sensors are well, the roll is still open
   kNominal = 1,
   kDegraded = 2,    // at least one sensor has failed
   kPredicting = 3,  // every sensor has failed
@@ -98,8 +99,7 @@ struct FusedState {
 struct CalibrationCheck {
   Eigen::Vector3d magnet_position = Eigen::Vector3d::Zero();  // metres, camera frame
   double axis_change = 0;                                     // radians from the configured one
-  double time_offset = 0;                                     // seconds
-  double time_offset_std = 0;
+  ClockEstimate clock;
   // Mahalanobis distance squared from the configured hand-eye calibration, of 5 numbers: 5 on
   // average where it fits. Zero while nothing is known.
   double hand_eye_chi2 = 0;
@@ -116,18 +116,20 @@ class SwitchingFilter {
   FusedState update(const VisualMeasurement& measurement);
 
   CalibrationCheck check_calibration() const;
-  std::size_t num_beliefs() const { return beliefs_.size(); }
+  // Gaussians, over all histories of failures.
+  std::size_t num_beliefs() const;
   const SwitchParticles& particles() const { return particles_; }
 
  private:
   struct SensorRecord {
     SensorHealth health;
-    std::optional<std::int64_t> last;     // utime of the last measurement
-    double interval = 0;                  // seconds between measurements, usual
-    std::int64_t silence_noticed = 0;     // utime up to which silence was counted
-    std::optional<std::int64_t> refused;  // usable, but not believed since
-    double inflation = 1;                 // of its variance, as the innovations show it
-    std::string told_cause;               // of its last unusable measurement
+    std::optional<std::int64_t> last;  // utime of the last measurement
+    double since_last = 0;             // seconds from the one before to that
+    double interval = 0;               // seconds between measurements, usual
+    std::int64_t silence_noticed = 0;  // utime up to which silence was counted
+    double refused_for = 0;            // seconds: usable, but not believed
+    double inflation = 1;              // of its variance, as the innovations show it
+    std::string told_cause;            // of its last unusable measurement
   };
 
   void advance(std::int64_t utime);
@@ -139,16 +141,20 @@ class SwitchingFilter {
   void begin_again(const MagneticFix& fix);
   void meet_map(const VisualMeasurement& measurement);
   void establish_maps(const VisualMeasurement& measurement);
+  bool has_moved(const VisualMeasurement& measurement) const;
   void let_maps_drift(const VisualMeasurement& measurement);
   Matrix6d visual_noise(const VisualMeasurement& measurement) const;
   using Observe = std::function<Innovation(const CapsuleBelief&)>;
-  void assimilate(Sensor sensor, std::int64_t utime, const Observe& observe);
-  void learn_noise(Sensor sensor, const std::vector<Gain>& gains);
+  void assimilate(Sensor sensor, const Observe& observe);
+  void learn_noise(Sensor sensor, const Gain& gain);
   void learn_drift(const Gain& magnetic);
   void learn_scatter(std::int64_t utime, const MagneticFix& fix);
   void begin_check();
-  std::size_t likeliest() const;
-  void branch(const std::vector<Gain>& gains);
+  void watch_clock(const VisualMeasurement& measurement);
+  std::size_t likeliest_history() const;
+  const CapsuleBelief& likeliest() const;
+  void for_each_belief(const std::function<void(CapsuleBelief&)>& action);
+  void branch(const std::vector<MixtureGain>& gains);
   void set_health(Sensor sensor, double nominal);
   bool failed(Sensor sensor) const;
   FusedState state(std::int64_t utime);
@@ -159,8 +165,9 @@ class SwitchingFilter {
 
   FilterOptions options_;
   SwitchParticles particles_;
-  std::vector<CapsuleBelief> beliefs_;  // none before the first magnetic fix
-  std::optional<CapsuleBelief> check_;  // learns the calibration; never fused
+  std::vector<BeliefMixture> histories_;  // of failures; none before the first magnetic fix
+  std::optional<CapsuleBelief> check_;    // learns the calibration; never fused
+  ClockWatch clock_;
   std::int64_t utime_ = 0;
   std::array<SensorRecord, kNumSensors> sensors_;
   Matrix6d bias_covariance_ = Matrix6d::Zero();
@@ -171,7 +178,8 @@ class SwitchingFilter {
 
   std::optional<int> map_version_;
   std::optional<SE3> last_map_T_camera_;  // of the last usable VISUAL_POSE of this map
-  std::optional<Matrix6d> well_held_;     // its covariance when vision was last well
+  std::int64_t last_frame_utime_ = 0;
+  std::optional<Matrix6d> well_held_;  // its covariance when vision was last well
   // How much faster vision drifts than the model has it: what drifts too fast for the model leaves
   // magnetic innovations that resemble the ones before.
   double drift_inflation_ = 1;
