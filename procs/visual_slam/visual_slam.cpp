@@ -225,7 +225,9 @@ void VisualSlam::merge(const std::optional<FusedState>& fused) {
 // Before the frame is merged.
 void VisualSlam::use(const FusedState& fused) {
   const double turn_std = worst_std(fused.covariance.bottomRightCorner<3, 3>());
-  const bool is_scale_off = is_in_rig_frame_ && fused.is_nominal && fused.depth_scale &&
+  // Fusion knows nothing yet of the scale that a kept map came with.
+  const bool is_scale_off = is_in_rig_frame_ && map_version_ > 0 && fused.is_nominal &&
+                            fused.depth_scale &&
                             std::abs(*fused.depth_scale / depth_scale_ - 1) > options_.rebase_scale;
   // A keyframe that is being refined belongs to the frame that it began in.
   if (is_held_ && !newest_ && fused.depth_scale && (turn_std <= rebase_below_ || is_scale_off) &&
@@ -279,9 +281,13 @@ void VisualSlam::rebase(const Similarity& rig_S_map) {
   ++map_frame_;
 }
 
-// Where fusion expects the camera, rig frame. Nothing while the map is not in that frame.
+// Where fusion expects the camera, rig frame. Nothing while it does not know that well, or the map
+// is not in that frame.
 std::optional<SE3> VisualSlam::fused_pose(std::int64_t utime) const {
-  if (!fused_ || !fused_->is_known || !is_in_rig_frame_) return std::nullopt;
+  if (!fused_ || !is_in_rig_frame_ ||
+      !is_trusted(*fused_, options_.restart_position_std, options_.restart_rotation_std)) {
+    return std::nullopt;
+  }
   const double ahead = static_cast<double>(utime - fused_->utime) * kMicrosecond;
   if (!(ahead > 0 && ahead <= kLongestPrediction)) return std::nullopt;
   return SE3{fused_->rig_T_camera.rotation * so3_exp(ahead * fused_->angular_velocity),
@@ -299,7 +305,7 @@ bool VisualSlam::begin_again() {
   }
   const std::optional<SE3> fused = fused_pose(frame_.utime);
   SE3 pose;
-  if (fused && is_trusted(*fused_, options_.restart_position_std, options_.restart_rotation_std)) {
+  if (fused) {
     pose = *fused;
     Matrix6d to_camera = Matrix6d::Identity();
     to_camera.topLeftCorner<3, 3>() = pose.rotation.conjugate().toRotationMatrix();
