@@ -1,6 +1,7 @@
 #include "calibrate/hand_eye_model.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -36,6 +37,19 @@ std::vector<HandEyePose> gather(const VisualTrack& track, const std::vector<Magn
     poses.back().fixes.push_back(fix);
   }
   return poses;
+}
+
+// Turns the row's two rotations to be about the vectors of `basis`, of nearly the same plane.
+void express_in(const Eigen::Matrix<double, 3, 2>& basis, HandEyeRow& row) {
+  const Eigen::Matrix2d onto = basis.transpose() * row.basis;
+  Matrix5d turn = Matrix5d::Identity();
+  // The nearest rotation, for `onto` is singular where a wrong fix is at right angles.
+  turn.bottomRightCorner<2, 2>() =
+      Eigen::Rotation2Dd(std::atan2(onto(1, 0) - onto(0, 1), onto.trace())).toRotationMatrix();
+  row.jacobian = turn * row.jacobian;
+  row.residual = turn * row.residual;
+  row.covariance = turn * row.covariance * turn.transpose();
+  row.basis = basis;
 }
 
 // Component by component.
@@ -147,9 +161,12 @@ HandEyeRow make_row(const HandEye& hand_eye, const VisualTrack::Sample& camera,
 }
 
 HandEyeRow make_row(const HandEye& hand_eye, const VisualTrack& track, const HandEyePose& pose) {
+  // About one basis: near -z those of neighbouring axes are turned against each other.
+  const auto basis = perpendicular_basis(pose.fixes[pose.fixes.size() / 2].axis);
   std::vector<HandEyeRow> rows;
   for (const MagneticFix& fix : pose.fixes) {
     rows.push_back(make_row(hand_eye, track.at(fix.time + hand_eye.time_offset), fix));
+    express_in(basis, rows.back());
   }
   if (rows.size() >= kFewestToCompare) {
     const Vector5d middle = median(rows);
@@ -174,7 +191,7 @@ HandEyeRow make_row(const HandEye& hand_eye, const VisualTrack& track, const Han
   mean.covariance /= total * total;
   mean.position /= total;
   mean.axis.normalize();
-  mean.basis = perpendicular_basis(mean.axis);
+  mean.basis = basis;
   return mean;
 }
 

@@ -57,6 +57,12 @@ std::string hand_eye_table(const HandEyeCalibration& calibration, const SE3& con
                   (hand_eye.centre - configured.translation).norm() * kMilli, turned * kDegrees);
   text += fmt::format("scale of the visual map         {:.4f}   +-{:.4f}\n", hand_eye.scale,
                       hand_eye.scale * sigma(kLogScaleAt));
+  text += fmt::format("visual map in the rig           {} mm, turned by {} degrees\n",
+                      triple(hand_eye.rig_T_map.translation * kMilli, "{:.2f}"),
+                      triple(so3_log(hand_eye.rig_T_map.rotation) * kDegrees, "{:.2f}"));
+  text += fmt::format("                                +-{} mm, +-{} degrees\n",
+                      triple(sigma.segment<3>(kMapTranslationAt) * kMilli, "{:.2f}"),
+                      triple(sigma.segment<3>(kMapRotationAt) * kDegrees, "{:.2f}"));
   text += fmt::format("magnetic time offset            {:.2f} ms   +-{:.2f} ms\n",
                       hand_eye.time_offset * kMilli, sigma(kTimeOffsetAt) * kMilli);
   text += fmt::format("residual, rms                   {:.3f} mm, {:.3f} degrees\n",

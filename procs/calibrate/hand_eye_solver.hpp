@@ -3,8 +3,11 @@
 // Averaging a hundred fixes of one place does not take away what the Hall array's calibration makes
 // of that place, nor vision's drift up to there. Beside the independent errors that the fixes
 // report two poses therefore have in common
-//   of the magnetic error (1 + x) exp(-x), Matern's correlation of smooth fields, with
-//     x = sqrt(3) hypot(distance, 20 mm * chord between the axes) / 25 mm,
+//   of the magnetic error m(30 mm) / 2 + m(100 mm) / 2, where m(reach) = (1 + x) exp(-x) is
+//   Matern's
+//     correlation of smooth fields, x = sqrt(3) hypot(distance, 30 mm * chord of the axes) / reach:
+//     errors of single sensors, seen from some 8 cm, and what the whole array has in common, which
+//     is what a calibration of the array leaves;
 //   of vision's drift exp(-path between them / 60 mm), a random walk that a map holds in bounds.
 // and each pose errs by itself beyond what its fixes report, as vision's frames do.
 // How large all these are is measured from the residuals, by restricted maximum likelihood

@@ -37,6 +37,7 @@ constexpr double kUnknownTimeOffset = 1e-2;  // seconds
 constexpr double kPatienceWithDrift = 4;
 constexpr double kScatterLearningRate = 0.01;
 constexpr double kLongestScatter = 0.05;  // seconds: later fixes differ by motion
+constexpr double kFastest = 0.2;          // m/s, of a capsule
 constexpr double kLeastScatter = 0.02;
 constexpr double kInnovationMemory = 0.02;
 constexpr double kDriftLearningRate = 0.15;
@@ -100,7 +101,14 @@ FusedState SwitchingFilter::update(const MagneticMeasurement& measurement) {
   note_arrival(Sensor::kMagnetic, measurement.utime);
   notice_silence(Sensor::kVisual, measurement.utime);
   if (!is_usable) {
+    last_fix_.reset();
     count_unusable(Sensor::kMagnetic, measurement.is_usable ? "corrupt" : measurement.cause);
+    return state(measurement.utime);
+  }
+  if (!follows_the_last(measurement)) {
+    last_fix_ = measurement.fix;
+    last_fix_utime_ = measurement.utime;
+    count_unusable(Sensor::kMagnetic, "jumps");
     return state(measurement.utime);
   }
   MagneticFix fix = measurement.fix;
@@ -426,6 +434,19 @@ void SwitchingFilter::learn_drift(const Gain& magnetic) {
   recent_innovation_ += kInnovationMemory * (innovation - recent_innovation_);
   drift_inflation_ = std::clamp(drift_inflation_ * std::exp(kDriftLearningRate * likeness), 1.0,
                                 kMostDriftInflation);
+}
+
+// A magnet that comes back into reach, or out of a foreign field, is located somewhere else in
+// every reading for a while, and is sure of it each time: no capsule is that fast.
+bool SwitchingFilter::follows_the_last(const MagneticMeasurement& measurement) const {
+  const SensorRecord& magnetic = record(Sensor::kMagnetic);
+  if (histories_.empty() || magnetic.since_last > kLongestScatter) return true;
+  if (!last_fix_) return false;
+  const double elapsed = static_cast<double>(measurement.utime - last_fix_utime_) * kMicrosecond;
+  const Eigen::Matrix3d both = measurement.fix.covariance.topLeftCorner<3, 3>() +
+                               last_fix_->covariance.topLeftCorner<3, 3>();
+  return (measurement.fix.position - last_fix_->position).norm() <
+         kFastest * elapsed + kMostSurprise * std::sqrt(both.trace());
 }
 
 // Fixes one after the other share their bias: what they differ by, motion apart, is not bias.

@@ -148,6 +148,7 @@ class SwitchingFilter {
   void assimilate(Sensor sensor, const Observe& observe);
   void learn_noise(Sensor sensor, const Gain& gain);
   void learn_drift(const Gain& magnetic);
+  bool follows_the_last(const MagneticMeasurement& measurement) const;
   void learn_scatter(std::int64_t utime, const MagneticFix& fix);
   void begin_check();
   void watch_clock(const VisualMeasurement& measurement);
@@ -171,7 +172,7 @@ class SwitchingFilter {
   std::int64_t utime_ = 0;
   std::array<SensorRecord, kNumSensors> sensors_;
   Matrix6d bias_covariance_ = Matrix6d::Zero();
-  std::optional<MagneticFix> last_fix_;
+  std::optional<MagneticFix> last_fix_;  // unless what came after it was none
   std::int64_t last_fix_utime_ = 0;
   double scatter_ = 1;      // of one fix to the next, as a part of the variance that they state
   bool has_begun_ = false;  // the roll was known once

@@ -92,22 +92,22 @@ Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& affine) {
   return svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
 }
 
-// By how much a node's motion differs from none.
+// By how much the motion of nodes, blended, differs from none: exactly 0 where none moves.
 struct Change {
-  Eigen::Vector3d position;
-  Eigen::Matrix3d affine;   // R - 1
-  Eigen::Matrix3d inverse;  // R^-T - 1
-  Eigen::Vector3d translation;
+  Eigen::Matrix3d affine = Eigen::Matrix3d::Zero();  // R - 1
+  Eigen::Vector3d shift = Eigen::Vector3d::Zero();   // metres, of the point
 };
 
-Eigen::Vector3d shift_of(const std::vector<Change>& changes, const Influences& influences,
-                         const Eigen::Vector3d& point) {
-  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
+Change change_at(const std::vector<DeformationNode>& nodes, const Influences& influences,
+                 const Eigen::Vector3d& point) {
+  Change sum;
   for (std::size_t i = 0; i < static_cast<std::size_t>(influences.count); ++i) {
-    const Change& change = changes[static_cast<std::size_t>(influences.node[i])];
-    shift += influences.weight[i] * (change.affine * (point - change.position) + change.translation);
+    const DeformationNode& node = nodes[static_cast<std::size_t>(influences.node[i])];
+    const Eigen::Matrix3d affine = node.affine - Eigen::Matrix3d::Identity();
+    sum.affine += influences.weight[i] * affine;
+    sum.shift += influences.weight[i] * (affine * (point - node.position) + node.translation);
   }
-  return shift;
+  return sum;
 }
 
 }  // namespace
@@ -119,9 +119,8 @@ DeformationGraph DeformationGraph::sample(const SurfelArrays& surfels,
   for (const Patch& patch : patches_of(surfels, options)) {
     if (patch.surfels >= options.least_surfels) candidates.push_back(patch.mean());
   }
-  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
-    return a.seen.first < b.seen.first;
-  });
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const auto& a, const auto& b) { return a.seen.first < b.seen.first; });
   const std::int64_t reach = time_reach_of(options);
   const double spacing2 = options.spacing * options.spacing;
   std::vector<DeformationNode> nodes;
@@ -176,8 +175,8 @@ void DeformationGraph::connect() {
       }
       if (!is_in_tree[other] && (next == count || to_tree[other] < to_tree[next])) next = other;
     }
-    const auto nearest = near.begin() + std::min<std::ptrdiff_t>(kDeformationNeighbours,
-                                                                 std::ssize(near));
+    const auto nearest =
+        near.begin() + std::min<std::ptrdiff_t>(kDeformationNeighbours, std::ssize(near));
     std::partial_sort(near.begin(), nearest, near.end());
     for (auto each = near.begin(); each != nearest; ++each) add_edge(node, each->second);
   }
@@ -196,35 +195,25 @@ Influences DeformationGraph::influences(const Eigen::Vector3d& point, const Time
 }
 
 Eigen::Vector3d DeformationGraph::moved(const Eigen::Vector3d& point, const TimeSpan& seen) const {
-  return moved(SE3{Eigen::Quaterniond::Identity(), point}, seen).translation;
+  return point + change_at(nodes_, influences(point, seen), point).shift;
 }
 
 SE3 DeformationGraph::moved(const SE3& map_T_camera, const TimeSpan& seen) const {
   const Eigen::Vector3d& point = map_T_camera.translation;
-  const Influences near = influences(point, seen);
-  Eigen::Matrix3d turn = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
-  for (std::size_t i = 0; i < static_cast<std::size_t>(near.count); ++i) {
-    const DeformationNode& node = nodes_[static_cast<std::size_t>(near.node[i])];
-    const Eigen::Matrix3d change = node.affine - Eigen::Matrix3d::Identity();
-    turn += near.weight[i] * change;
-    shift += near.weight[i] * (change * (point - node.position) + node.translation);
-  }
-  if (turn.isZero(0)) return {map_T_camera.rotation, point + shift};
-  const Eigen::Quaterniond rotation(nearest_rotation(Eigen::Matrix3d::Identity() + turn));
-  return {(rotation * map_T_camera.rotation).normalized(), point + shift};
+  const Change change = change_at(nodes_, influences(point, seen), point);
+  if (change.affine.isZero(0)) return {map_T_camera.rotation, point + change.shift};
+  const Eigen::Quaterniond turn(nearest_rotation(Eigen::Matrix3d::Identity() + change.affine));
+  return {(turn * map_T_camera.rotation).normalized(), point + change.shift};
 }
 
 std::vector<std::int32_t> DeformationGraph::apply(SurfelArrays& surfels) const {
-  const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
-  std::vector<Change> changes;
+  // R^-T - 1 of each node.
+  std::vector<Eigen::Matrix3d> of_normals;
+  bool is_still = true;
   for (const DeformationNode& node : nodes_) {
-    changes.push_back({node.position, node.affine - identity,
-                       node.affine.inverse().transpose() - identity, node.translation});
+    of_normals.emplace_back(node.affine.inverse().transpose() - Eigen::Matrix3d::Identity());
+    is_still = is_still && node.affine.isIdentity(0) && node.translation.isZero(0);
   }
-  const bool is_still = std::all_of(changes.begin(), changes.end(), [](const Change& change) {
-    return change.affine.isZero(0) && change.translation.isZero(0);
-  });
   if (is_still) return {};
 
   const auto move = [&](std::size_t begin, std::size_t end) {
@@ -238,10 +227,10 @@ std::vector<std::int32_t> DeformationGraph::apply(SurfelArrays& surfels) const {
       Eigen::Vector3d turned = old_normal.cast<double>();
       Eigen::Vector3d turn = Eigen::Vector3d::Zero();
       for (std::size_t i = 0; i < static_cast<std::size_t>(near.count); ++i) {
-        turn += near.weight[i] * (changes[static_cast<std::size_t>(near.node[i])].inverse * turned);
+        turn += near.weight[i] * (of_normals[static_cast<std::size_t>(near.node[i])] * turned);
       }
       if (!turn.isZero(0)) turned = (turned + turn).normalized();
-      const Eigen::Vector3f position = (point + shift_of(changes, near, point)).cast<float>();
+      const Eigen::Vector3f position = (point + change_at(nodes_, near, point).shift).cast<float>();
       const Eigen::Vector3f normal = turned.cast<float>();
       if (position == old_position && normal == old_normal) continue;
       surfels.x[k] = position.x();

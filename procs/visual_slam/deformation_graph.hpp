@@ -1,7 +1,7 @@
 // The deformation graph: a few hundred nodes spread evenly over the surface and over the time in
 // which it was seen, each with an affine motion; all surfels and poses follow the nodes near them.
-// After the paper's section on the deformation graph, Sumner et al., "Embedded deformation for shape
-// manipulation", 2007, and Whelan et al., "ElasticFusion", 2015.
+// After the paper's section on the deformation graph, Sumner et al., "Embedded deformation for
+// shape manipulation", 2007, and Whelan et al., "ElasticFusion", 2015.
 //
 // A point p goes to sum_n w_n [R_n (p - g_n) + g_n + t_n], its normal along sum_n w_n R_n^-T n,
 // over the k nodes nearest to it of those that were seen when it was, with
@@ -14,6 +14,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -28,9 +29,9 @@ namespace gastronaut::slam {
 inline constexpr int kDeformationNeighbours = 4;  // the paper's k
 
 struct DeformationGraphOptions {
-  double spacing = 0.005;      // metres: nodes seen together are no closer
-  double time_reach = 6.7;     // seconds: the map's active window
-  int least_surfels = 5;       // in a cell of half a spacing, to make a node
+  double spacing = 0.005;       // metres: nodes seen together are no closer
+  double time_reach = 6.7;      // seconds: the map's active window
+  int least_surfels = 5;        // in a cell of half a spacing, to make a node
   double least_confidence = 0;  // of the surfels that make nodes; all of them follow
 };
 
@@ -66,11 +67,12 @@ struct Influences {
 
 class NodeSearch;
 
-// Reading calls may run side by side. All results are the same bytes whatever the number of threads.
+// Reading calls may run side by side. All results are the same bytes whatever the number of
+// threads.
 class DeformationGraph {
  public:
-  // Nodes sampled from surfels, oldest first: about one for each `spacing` of each layer of surface.
-  // Throws std::invalid_argument for options that make no sense.
+  // Nodes sampled from surfels, oldest first: about one for each `spacing` of each layer of
+  // surface. Throws std::invalid_argument for options that make no sense.
   static DeformationGraph sample(const SurfelArrays& surfels,
                                  const DeformationGraphOptions& options);
   // Of given nodes.

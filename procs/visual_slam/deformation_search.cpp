@@ -21,8 +21,7 @@ struct NodeSearch::Nearest {
     double distance2;
     std::int32_t node;
     bool operator<(const Entry& other) const {
-      return std::tie(apart, distance2, node) <
-             std::tie(other.apart, other.distance2, other.node);
+      return std::tie(apart, distance2, node) < std::tie(other.apart, other.distance2, other.node);
     }
   };
   std::array<Entry, kDeformationNeighbours + 1> entries;

@@ -131,6 +131,9 @@ TEST(HandEyeCalibration, IsNotSpoiltByPosesThatAreWrong) {
 TEST(HandEyeCalibration, ForgetsSingleFixesThatAreFarFromTheOthersOfTheirPlace) {
   SimulatedHandEye run = swinging(true_hand_eye(), 10, {}, {}, 5);
   for (std::size_t i = 0; i < run.fixes.size(); i += 10) run.fixes[i].position.z() += 20 * kMilli;
+  for (std::size_t i = 5; i < run.fixes.size(); i += 20) {
+    run.fixes[i].axis = perpendicular_basis(run.fixes[i].axis).col(1);
+  }
   const auto calibration = calibrate(run);
   const Vector5d error = hand_eye_error(calibration.estimate, true_hand_eye());
   EXPECT_LT(error.head<3>().norm(), kCentreTarget);
@@ -224,6 +227,26 @@ TEST(HandEyeCalibration, LeavingOutPosesSpreadsAsTheCovarianceSays) {
     // A standard deviation from 20 parts is known to 16 %; three times that.
     constexpr double kThreeSigmas = 0.5;
     EXPECT_NEAR(ratio, 1, kThreeSigmas);
+  }
+}
+
+TEST(HandEyeCalibration, GivesTheSameAnswerInARigThatIsTurned) {
+  SimulatedHandEye run = swinging(true_hand_eye(), 10, {}, {}, 12);
+  const auto upright = calibrate(run);
+  // So that the axis swings about -z, where perpendicular_basis turns fast.
+  const auto turn = Eigen::Quaterniond::FromTwoVectors(run.fixes[run.fixes.size() / 2].axis,
+                                                       -Eigen::Vector3d::UnitZ());
+  for (MagneticFix& fix : run.fixes) {
+    fix.position = turn * fix.position;
+    fix.axis =
+        turn * fix.axis;  // equally uncertain about all vectors across: no covariance to turn
+  }
+  const auto turned = calibrate(run);
+  constexpr double kAlike = 0.1;  // of a sigma: the noise is measured in steps of 14 %
+  for (int i = 0; i < 5; ++i) {
+    const double sigma = std::sqrt(upright.covariance(i, i));
+    EXPECT_NEAR(hand_eye_error(turned.estimate, upright.estimate)(i), 0, kAlike * sigma);
+    EXPECT_NEAR(std::sqrt(turned.covariance(i, i)), sigma, kAlike * sigma);
   }
 }
 

@@ -101,8 +101,9 @@ TEST_F(CalibrateHandEye, WritesAFragmentThatLoadsAndATableToBelieve) {
   EXPECT_THAT(read("err.txt"),
               AllOf(HasSubstr("the visual map has 2 versions"), HasSubstr("impossible messages"),
                     HasSubstr("left out for their status: 120 of")));
-  EXPECT_THAT(read("out.txt"), AllOf(HasSubstr("magnet's centre in the camera"),
-                                     HasSubstr("weakest"), HasSubstr("leaving out one of 20")));
+  EXPECT_THAT(read("out.txt"),
+              AllOf(HasSubstr("magnet's centre in the camera"), HasSubstr("visual map in the rig"),
+                    HasSubstr("weakest"), HasSubstr("leaving out one of 20")));
   EXPECT_THAT(read("hand_eye.yaml"),
               AllOf(HasSubstr("# Made by `calibrate hand-eye` from derived.lcmlog"),
                     HasSubstr("roll about the magnet's axis cannot be measured")));

@@ -41,7 +41,7 @@ SimulatedHandEye stop_and_go(const HandEye& truth, const std::vector<SE3>& poses
 
 // Errors that depend on the place (of the fix, metres and radians) or on the time.
 struct SharedErrors {
-  double magnetic_position = 0;  // metres, rms an axis, waves some 10 cm long
+  double magnetic_position = 0;  // metres, rms an axis, waves some 15 cm long
   double magnetic_axis = 0;      // radians
   double visual_position = 0;    // metres, rms an axis, a walk that forgets within 4 s
   double visual_rotation = 0;    // radians

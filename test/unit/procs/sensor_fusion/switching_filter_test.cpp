@@ -468,6 +468,36 @@ TEST(SwitchingFilter, ThePapersModelWorksToo) {
   expect_right_from(steps, 4, 2e-3, drifted);
 }
 
+// Both fail; then the magnet comes back into reach within a tenth of a second, located with
+// confidence on its way.
+TEST(SwitchingFilter, AMagnetIsNotFollowedOnItsWayBack) {
+  constexpr double kOut = 1;    // seconds
+  constexpr double kWay = 0.1;  // seconds
+  constexpr double kFar = 0.1;  // metres
+  Scenario scenario;
+  scenario.seconds = 10;
+  scenario.magnetic = [&](double t, MagneticMeasurement& m) {
+    if (within(t, kFault, kOut)) m.is_usable = false, m.cause = "too far";
+    const double back = (t - kFault - kOut) / kWay;
+    if (back >= 0 && back < 1) m.fix.position.z() -= kFar * (1 - back);
+    return true;
+  };
+  scenario.visual = [&](double t, VisualMeasurement& m) {
+    if (within(t, kFault, kOut + kWay)) m.is_usable = false, m.cause = "dark";
+    return true;
+  };
+  const auto steps = run(scenario);
+  // Between two readings on its way it goes 1 cm; what the last of them are off by is less.
+  constexpr double kOneReading = 0.01;
+  for (const Step& step : steps) {
+    if (step.time < kFault + kOut) continue;
+    // What the capsule may have gone meanwhile.
+    const double sigma = std::sqrt(step.state.covariance.topLeftCorner<3, 3>().trace());
+    ASSERT_LT(position_error(step), std::max(kOneReading, 3 * sigma)) << step.time;
+  }
+  expect_right_from(steps, kFault + kOut + kWay + 0.2);
+}
+
 TEST(SwitchingFilter, AWrongHandEyeCalibrationIsSeen) {
   constexpr double kAlarm = 20;  // once in 10^3 where it fits
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
