@@ -471,9 +471,10 @@ TEST(SwitchingFilter, ThePapersModelWorksToo) {
 // Both fail; then the magnet comes back into reach within a tenth of a second, located with
 // confidence on its way.
 TEST(SwitchingFilter, AMagnetIsNotFollowedOnItsWayBack) {
-  constexpr double kOut = 1;    // seconds
+  constexpr double kOut = 2;    // seconds: then nearly anything is possible
   constexpr double kWay = 0.1;  // seconds
   constexpr double kFar = 0.1;  // metres
+  constexpr double kSigmas = 4;
   Scenario scenario;
   scenario.seconds = 10;
   scenario.magnetic = [&](double t, MagneticMeasurement& m) {
@@ -487,13 +488,10 @@ TEST(SwitchingFilter, AMagnetIsNotFollowedOnItsWayBack) {
     return true;
   };
   const auto steps = run(scenario);
-  // Between two readings on its way it goes 1 cm; what the last of them are off by is less.
-  constexpr double kOneReading = 0.01;
   for (const Step& step : steps) {
     if (step.time < kFault + kOut) continue;
-    // What the capsule may have gone meanwhile.
     const double sigma = std::sqrt(step.state.covariance.topLeftCorner<3, 3>().trace());
-    ASSERT_LT(position_error(step), std::max(kOneReading, 3 * sigma)) << step.time;
+    ASSERT_LT(position_error(step), kSigmas * sigma) << step.time;
   }
   expect_right_from(steps, kFault + kOut + kWay + 0.2);
 }
