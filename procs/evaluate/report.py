@@ -59,6 +59,7 @@ TARGETS = [
     ("CAPSULE_STATE.rpe.5deg.rot_deg.mean", "Drift over 5°", 1, "°", 0.1, ""),
     ("CAPSULE_STATE.nees.mean", "Fused NEES, mean", 1, "", NEES_BAND, "95 % band"),
     ("failure.undetected", "Sensor failures not noticed", 1, "", 0, ""),
+    ("failure.unrecovered", "Failed sensors not taken back", 1, "", 0, ""),
     ("failure.worst.detection_delay", "Failure noticed, slowest", 1, "s", 0.5, "from its start"),
     ("failure.worst.recovery_delay", "Sensor used again, slowest", 1, "s", 1.0, "from its end"),
     ("failure.worst.ratio_to_nominal_15s", "Error in a failure / nominal error", 1, "×", 3.0,

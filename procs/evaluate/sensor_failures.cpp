@@ -224,6 +224,7 @@ std::vector<std::string> set_failure_metrics(Metrics& metrics, const SensorHealt
   }
 
   std::size_t undetected = 0;
+  std::size_t unrecovered = 0;
   std::size_t false_alarms = 0;
   Worst detection;
   Worst recovery;
@@ -245,6 +246,8 @@ std::vector<std::string> set_failure_metrics(Metrics& metrics, const SensorHealt
       if (notice.recovery_delay) {
         metrics.set(key + ".recovery_delay", *notice.recovery_delay);
         recovery.see(*notice.recovery_delay);
+      } else if (notice.detection_delay) {
+        ++unrecovered;
       }
       metrics.set(key + ".missed_share", notice.missed_share);
       const auto error_until = [&, begin = start](double limit) {
@@ -257,11 +260,12 @@ std::vector<std::string> set_failure_metrics(Metrics& metrics, const SensorHealt
       }
       if (inside.count > 0 && nominal.count > 0) {
         metrics.set(key + ".ratio_to_nominal", inside.rmse / nominal.rmse);
-        const double early = error_until(std::min(end, start + kCarriesOn)).rmse / nominal.rmse;
+        const double limit = std::min(end, start + kCarriesOn);
+        const double early = error_until(limit).rmse / nominal.rmse;
         metrics.set(key + ".ratio_to_nominal_15s", early);
         const bool alone =
             std::none_of(failures.begin(), failures.end(), [&](const TrueFailure& other) {
-              return other.sensor != name && other.start < end && other.end > start;
+              return other.sensor != name && other.start < limit && other.end > start;
             });
         if (alone) ratio.see(early);
       }
@@ -273,7 +277,10 @@ std::vector<std::string> set_failure_metrics(Metrics& metrics, const SensorHealt
     false_alarms += verdict.false_alarms;
   }
   metrics.set_count("failure.false_alarms", false_alarms);
-  if (!failures.empty()) metrics.set_count("failure.undetected", undetected);
+  if (!failures.empty()) {
+    metrics.set_count("failure.undetected", undetected);
+    metrics.set_count("failure.unrecovered", unrecovered);
+  }
   detection.set(metrics, "failure.worst.detection_delay");
   recovery.set(metrics, "failure.worst.recovery_delay");
   ratio.set(metrics, "failure.worst.ratio_to_nominal_15s");

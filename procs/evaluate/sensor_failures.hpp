@@ -57,11 +57,11 @@ SensorVerdict judge_sensor(const std::string& sensor, const std::vector<SensorHe
                            double threshold);
 
 // failure.SENSOR.NUMBER.* (numbers from 1, by start), failure.SENSOR.false_alarms.*, and over all
-// of them failure.nominal.*, failure.undetected, failure.false_alarms and failure.worst.*, of which
-// the ratio is over failures while no other sensor has failed. Nominal is the time more than
-// kRecoveryTime after any failure or alarm. `state` and `evaluation` are those
-// of CAPSULE_STATE; a state counts unless it is INITIALISING. Returns what one should know of the
-// figures.
+// of them failure.nominal.*, failure.undetected, failure.unrecovered (noticed, but without a
+// recovery), failure.false_alarms and failure.worst.*, of which the ratio is over failures in whose
+// first 15 s no other sensor has failed. Nominal is the time more than kRecoveryTime after any
+// failure or alarm. `state` and `evaluation` are those of CAPSULE_STATE; a state counts unless it
+// is INITIALISING. Returns what one should know of the figures.
 std::vector<std::string> set_failure_metrics(Metrics& metrics, const SensorHealthSeries& health,
                                              const PoseChannel& state,
                                              const PoseEvaluation& evaluation,

@@ -219,6 +219,22 @@ TEST_F(FailureMetricsTest, WithoutAnySensorNothingIsPromised) {
   EXPECT_NEAR(metric("failure.worst.recovery_delay"), 0.2, kRounding);
 }
 
+TEST_F(FailureMetricsTest, AFailureCountsForAsLongAsItIsTheOnlyOne) {
+  // The magnet fails too from 28 s on: after the first 15 s of vision's failure.
+  const auto error = [](int i) { return i >= 280 && i <= 300 ? 30e-3 : 1e-3; };
+  score(error, {{"magnetic", failed_in({{280, 300}})}, {"visual", failed_in({{100, 300}})}},
+        {{"visual", 10, 30}, {"magnetic", 28, 30}});
+  EXPECT_NEAR(metric("failure.worst.ratio_to_nominal_15s"), 1, kRounding);
+}
+
+TEST_F(FailureMetricsTest, CountsFailuresWithoutARecovery) {
+  score([](int) { return 1e-3; }, {{"visual", failed_in({{100, 110}, {203, kStates - 1}})}},
+        {{"visual", 10, 11}, {"visual", 15, 16}, {"visual", 20, 22}});
+  EXPECT_EQ(metric("failure.undetected"), 1);
+  EXPECT_EQ(metric("failure.unrecovered"), 1);
+  EXPECT_NEAR(metric("failure.worst.recovery_delay"), 0.1, kRounding);
+}
+
 TEST_F(FailureMetricsTest, WithoutTrueFailuresEveryAlarmIsFalseAndSaidToBe) {
   const auto notes = score([](int) { return 1e-3; }, {{"visual", failed_in({{100, 109}})}}, {});
   EXPECT_EQ(metric("failure.visual.false_alarms.count"), 1);
