@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <numeric>
 #include <stdexcept>
 #include <unordered_map>
 
@@ -28,6 +29,12 @@ DeformationGraphOptions checked(const DeformationGraphOptions& o) {
 
 std::int64_t time_reach_of(const DeformationGraphOptions& options) {
   return std::llround(options.time_reach * kMicroseconds);
+}
+
+std::vector<std::int32_t> all_ids(const SurfelArrays& surfels) {
+  std::vector<std::int32_t> ids(surfels.size());
+  std::iota(ids.begin(), ids.end(), 0);
+  return ids;
 }
 
 // Surfels of one small cell that were made at about one time.
@@ -62,13 +69,15 @@ struct PatchHash {
 };
 
 // In the order of their first surfels.
-std::vector<Patch> patches_of(const SurfelArrays& surfels, const DeformationGraphOptions& options) {
+std::vector<Patch> patches_of(const SurfelArrays& surfels, std::span<const std::int32_t> ids,
+                              const DeformationGraphOptions& options) {
   const double cell = options.spacing / 2;
   const std::int64_t reach = time_reach_of(options);
   const auto cell_of = [cell](double x) { return static_cast<std::int64_t>(std::floor(x / cell)); };
   std::vector<Patch> patches;
   std::unordered_map<PatchKey, std::size_t, PatchHash> number_of;
-  for (std::size_t k = 0; k < surfels.size(); ++k) {
+  for (const std::int32_t id : ids) {
+    const auto k = static_cast<std::size_t>(id);
     if (!surfels.holds(k)) continue;
     if (static_cast<double>(surfels.confidence[k]) < options.least_confidence) continue;
     const Eigen::Vector3d position =
@@ -114,9 +123,15 @@ Change change_at(const std::vector<DeformationNode>& nodes, const Influences& in
 
 DeformationGraph DeformationGraph::sample(const SurfelArrays& surfels,
                                           const DeformationGraphOptions& options) {
+  return sample(surfels, all_ids(surfels), options);
+}
+
+DeformationGraph DeformationGraph::sample(const SurfelArrays& surfels,
+                                          std::span<const std::int32_t> ids,
+                                          const DeformationGraphOptions& options) {
   checked(options);
   std::vector<DeformationNode> candidates;
-  for (const Patch& patch : patches_of(surfels, options)) {
+  for (const Patch& patch : patches_of(surfels, ids, options)) {
     if (patch.surfels >= options.least_surfels) candidates.push_back(patch.mean());
   }
   std::stable_sort(candidates.begin(), candidates.end(),
@@ -207,31 +222,47 @@ SE3 DeformationGraph::moved(const SE3& map_T_camera, const TimeSpan& seen) const
 }
 
 std::vector<std::int32_t> DeformationGraph::apply(SurfelArrays& surfels) const {
-  // R^-T - 1 of each node.
-  std::vector<Eigen::Matrix3d> of_normals;
+  return apply(surfels, all_ids(surfels));
+}
+
+std::vector<std::int32_t> DeformationGraph::apply(SurfelArrays& surfels,
+                                                  std::span<const std::int32_t> ids) const {
+  // Each node's motion as a change: of p by (R - 1) p + t - (R - 1) g, of n by (R^-T - 1) n.
+  struct NodeChange {
+    Eigen::Matrix3d affine;
+    Eigen::Vector3d shift;
+    Eigen::Matrix3d of_normals;
+  };
+  std::vector<NodeChange> changes;
   bool is_still = true;
   for (const DeformationNode& node : nodes_) {
-    of_normals.emplace_back(node.affine.inverse().transpose() - Eigen::Matrix3d::Identity());
-    is_still = is_still && node.affine.isIdentity(0) && node.translation.isZero(0);
+    const Eigen::Matrix3d affine = node.affine - Eigen::Matrix3d::Identity();
+    changes.push_back({affine, node.translation - affine * node.position,
+                       node.affine.inverse().transpose() - Eigen::Matrix3d::Identity()});
+    is_still = is_still && affine.isZero(0) && node.translation.isZero(0);
   }
   if (is_still) return {};
 
   const auto move = [&](std::size_t begin, std::size_t end) {
-    std::vector<std::int32_t> ids;
-    for (std::size_t k = begin; k < end; ++k) {
+    std::vector<std::int32_t> moved_ids;
+    for (const std::int32_t id : ids.subspan(begin, end - begin)) {
+      const auto k = static_cast<std::size_t>(id);
       if (!surfels.holds(k)) continue;
       const Eigen::Vector3f old_position(surfels.x[k], surfels.y[k], surfels.z[k]);
       const Eigen::Vector3f old_normal(surfels.nx[k], surfels.ny[k], surfels.nz[k]);
       const Eigen::Vector3d point = old_position.cast<double>();
+      const Eigen::Vector3d direction = old_normal.cast<double>();
       const Influences near = influences(point, {surfels.initialised[k], surfels.updated[k]});
-      Eigen::Vector3d turned = old_normal.cast<double>();
+      Eigen::Vector3d shift = Eigen::Vector3d::Zero();
       Eigen::Vector3d turn = Eigen::Vector3d::Zero();
       for (std::size_t i = 0; i < static_cast<std::size_t>(near.count); ++i) {
-        turn += near.weight[i] * (of_normals[static_cast<std::size_t>(near.node[i])] * turned);
+        const NodeChange& change = changes[static_cast<std::size_t>(near.node[i])];
+        shift += near.weight[i] * (change.affine * point + change.shift);
+        turn += near.weight[i] * (change.of_normals * direction);
       }
-      if (!turn.isZero(0)) turned = (turned + turn).normalized();
-      const Eigen::Vector3f position = (point + change_at(nodes_, near, point).shift).cast<float>();
-      const Eigen::Vector3f normal = turned.cast<float>();
+      const Eigen::Vector3f position = (point + shift).cast<float>();
+      const Eigen::Vector3f normal =
+          turn.isZero(0) ? old_normal : (direction + turn).normalized().cast<float>();
       if (position == old_position && normal == old_normal) continue;
       surfels.x[k] = position.x();
       surfels.y[k] = position.y();
@@ -239,12 +270,12 @@ std::vector<std::int32_t> DeformationGraph::apply(SurfelArrays& surfels) const {
       surfels.nx[k] = normal.x();
       surfels.ny[k] = normal.y();
       surfels.nz[k] = normal.z();
-      ids.push_back(static_cast<std::int32_t>(k));
+      moved_ids.push_back(id);
     }
-    return ids;
+    return moved_ids;
   };
-  return parallel_reduce_in_order(surfels.size(), kSurfelsAtATime, std::vector<std::int32_t>{},
-                                  move, [](auto all, const auto& more) {
+  return parallel_reduce_in_order(ids.size(), kSurfelsAtATime, std::vector<std::int32_t>{}, move,
+                                  [](auto all, const auto& more) {
                                     all.insert(all.end(), more.begin(), more.end());
                                     return all;
                                   });

@@ -18,6 +18,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -75,6 +76,9 @@ class DeformationGraph {
   // surface. Throws std::invalid_argument for options that make no sense.
   static DeformationGraph sample(const SurfelArrays& surfels,
                                  const DeformationGraphOptions& options);
+  // From those with these ids alone, such as what is in view.
+  static DeformationGraph sample(const SurfelArrays& surfels, std::span<const std::int32_t> ids,
+                                 const DeformationGraphOptions& options);
   // Of given nodes.
   DeformationGraph(std::vector<DeformationNode> nodes, const DeformationGraphOptions& options);
 
@@ -93,8 +97,10 @@ class DeformationGraph {
   // A camera's pose follows what is around it; its rotation by the rotation nearest to the affine
   // one.
   SE3 moved(const SE3& map_T_camera, const TimeSpan& seen) const;
-  // Moves positions and normals, and returns the ids of the surfels that moved, ascending.
+  // Moves positions and normals, and returns the ids of the surfels that moved, in their order.
   std::vector<std::int32_t> apply(SurfelArrays& surfels) const;
+  // Of those with these ids, each given once.
+  std::vector<std::int32_t> apply(SurfelArrays& surfels, std::span<const std::int32_t> ids) const;
 
  private:
   void connect();

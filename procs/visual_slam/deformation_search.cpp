@@ -3,14 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <limits>
 #include <tuple>
 
 namespace gastronaut::slam {
 namespace {
 
 constexpr std::size_t kCellsAcross = 64;  // at most
-constexpr std::size_t kListed = 128;      // nodes around a cell
+constexpr std::size_t kListed = 64;       // nodes around a cell
 
 }  // namespace
 
@@ -81,13 +80,6 @@ const NodeSearch::List& NodeSearch::list(std::size_t cell, const Eigen::Vector3d
   return *expected;
 }
 
-void NodeSearch::consider(std::int32_t node, const Eigen::Vector3d& point, const TimeSpan& seen,
-                          Nearest& nearest) const {
-  const Place& place = places_[static_cast<std::size_t>(node)];
-  nearest.insert({std::max(std::int64_t{0}, place.seen.gap(seen) - time_reach_),
-                  (place.position - point).squaredNorm(), node});
-}
-
 Influences NodeSearch::influences(const Eigen::Vector3d& point, const TimeSpan& seen) const {
   Influences result;
   if (places_.empty() || !point.allFinite()) return result;
@@ -112,14 +104,16 @@ Influences NodeSearch::influences(const Eigen::Vector3d& point, const TimeSpan& 
       is_complete = true;
       break;
     }
-    if (places_[static_cast<std::size_t>(each.node)].seen.gap(seen) <= time_reach_) {
-      consider(each.node, point, seen, nearest);
-    }
+    const Place& place = places_[static_cast<std::size_t>(each.node)];
+    const double distance2 = (place.position - point).squaredNorm();
+    if (nearest.is_full() && distance2 > nearest.entries.back().distance2) continue;
+    if (place.seen.gap(seen) <= time_reach_) nearest.insert({0, distance2, each.node});
   }
   if (!is_complete || nearest.count == 0) {
     nearest.count = 0;
     for (std::size_t n = 0; n < places_.size(); ++n) {
-      consider(static_cast<std::int32_t>(n), point, seen, nearest);
+      nearest.insert({std::max(std::int64_t{0}, places_[n].seen.gap(seen) - time_reach_),
+                      (places_[n].position - point).squaredNorm(), static_cast<std::int32_t>(n)});
     }
     // Those seen at another time stand in only where none was seen at this one.
     while (nearest.entries[nearest.count - 1].apart > 0 && nearest.entries[0].apart == 0) {

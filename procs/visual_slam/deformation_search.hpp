@@ -37,8 +37,6 @@ class NodeSearch {
   struct Nearest;
 
   const List& list(std::size_t cell, const Eigen::Vector3d& centre) const;
-  void consider(std::int32_t node, const Eigen::Vector3d& point, const TimeSpan& seen,
-                Nearest& nearest) const;
 
   std::vector<Place> places_;
   std::int64_t time_reach_;

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <utility>
 
 #include "visual_slam/deformation_energy.hpp"
@@ -140,16 +139,19 @@ DeformationReport DeformationSolver::solve(const DeformationProblem& problem,
   Eigen::VectorXd gradient;
   std::vector<NodeBlock> blocks;
   double damping = kLeastDamping;
-  double change = std::numeric_limits<double>::infinity();
-  while (change > options_.tolerance && report.iterations < options_.iterations) {
+  bool is_done = false;
+  while (!is_done && report.iterations < options_.iterations) {
     ++report.iterations;
     energy.equations(x, gradient, blocks);
-    for (bool is_better = false; !is_better && change > options_.tolerance;) {
+    for (bool is_better = false; !is_better && !is_done;) {
       if (cholesky_.factorise(blocks, damping)) {
         const Eigen::VectorXd step = cholesky_.solve(gradient);
-        change = step.lpNorm<Eigen::Infinity>();
         const DeformationEnergyTerms next = energy.value(x - step);
-        is_better = next.total() < report.after.total();
+        const double gain = 1 - next.total() / report.after.total();
+        is_better = gain > 0;
+        // A damped step may gain little for being short.
+        is_done = step.lpNorm<Eigen::Infinity>() <= options_.tolerance ||
+                  (is_better && gain <= options_.least_gain && damping <= kLeastDamping);
         if (is_better) {
           x -= step;
           report.after = next;
@@ -164,7 +166,7 @@ DeformationReport DeformationSolver::solve(const DeformationProblem& problem,
   }
   report.mean_error_after = energy.mean_constraint_error(x);
   report.largest_pin_error = energy.largest_pin_error(x);
-  if (change > options_.tolerance) {
+  if (!is_done) {
     report.refusal = text("no convergence in %d iterations", report.iterations);
   } else {
     report.refusal = why_not_to_keep(x, graph, options_);

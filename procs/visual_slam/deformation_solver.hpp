@@ -20,13 +20,13 @@
 namespace gastronaut::slam {
 
 struct DeformationConstraint {
-  Eigen::Vector3d source;       // metres, map frame, before the deformation; what moves
-  TimeSpan source_seen;         // which layer of the surface it is on
-  Eigen::Vector3d destination;  // where it should come to lie,
+  Eigen::Vector3d source = Eigen::Vector3d::Zero();  // metres, map frame, undeformed; what moves
+  TimeSpan source_seen;                              // which layer of the surface it is on
+  Eigen::Vector3d destination = Eigen::Vector3d::Zero();  // where it should come to lie,
   std::optional<TimeSpan> destination_seen;  // fixed; or, with this, on that layer, which moves too
   // 1 / m^2, symmetric, not negative: 1 / sigma^2 of the distance in all directions, the inverse of
   // a covariance, or n n^T / sigma^2 where only the distance along a unit vector n counts.
-  Eigen::Matrix3d information;
+  Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
 };
 
 struct DeformationProblem {
@@ -41,7 +41,8 @@ struct DeformationSolverOptions {
   double regularisation = 10;  // w_reg
   double robust_sigmas = 0;    // constraints farther off count less and less (Cauchy); 0: all alike
   int iterations = 20;         // more is no convergence
-  double tolerance = 1e-4;     // a change this small ends it: of R, of t in spacings
+  double tolerance = 1e-4;     // a change this small ends it: of R, of t in spacings,
+  double least_gain = 1e-4;    // or of the energy, as a fraction of it
   int least_constraints = 6;
   double least_spread = 0.5;     // spacings: one sigma of the sources across their main direction
   double least_stretch = 0.5;    // of a node's surroundings, and of the distance of neighbours:
