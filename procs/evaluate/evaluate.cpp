@@ -71,7 +71,13 @@ void print_summary(const Metrics& metrics) {
                             "surface.all.mean",
                             "surface.handa.mean",
                             "surface.paper.mean",
+                            "surface.seen.trajectory.mean",
+                            "surface.thickness.mean",
+                            "surface.thickness.share_double",
                             "surface.completeness.within_1.5mm",
+                            "deformation.frame.count",
+                            "deformation.local_loop.count",
+                            "deformation.global_loop.count",
                             ".spread",
                             ".spread_over_contrast",
                             ".spread_over_local_contrast",
@@ -160,8 +166,8 @@ int run_evaluate(int argc, char** argv) {
       ->allow_extra_args(false);
   app.add_option(
          "--failure", options.failures,
-         "when a sensor was of no use in truth: SENSOR:START-END in seconds from the log's\n"
-         "start, as in visual:7-13; once for each failure")
+         "when a sensor was of no use in truth: SENSOR:START-END in seconds from the\n"
+         "first pose (0 on the report's time axes), as in visual:7-13; once for each failure")
       ->allow_extra_args(false);
   app.add_flag("--open", options.open, "show the report in the browser");
 

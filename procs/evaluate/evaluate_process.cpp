@@ -8,6 +8,7 @@
 #include <gastronaut/hall_array_t.hpp>
 #include <gastronaut/image_t.hpp>
 #include <gastronaut/magnetic_pose_t.hpp>
+#include <gastronaut/map_deformation_t.hpp>
 #include <gastronaut/map_surfels_t.hpp>
 #include <gastronaut/pose_t.hpp>
 #include <gastronaut/rig_config_t.hpp>
@@ -152,6 +153,7 @@ class RunReader {
   void handle_hall(const hall_array_t& message);
   void handle_depth(depth_image_t message, bool is_truth);
   void handle_map(const map_surfels_t& message);
+  void handle_deformation(const map_deformation_t& message);
   void compare(const depth_image_t& estimate, const depth_image_t& truth);
   void add_notes();
 
@@ -252,11 +254,40 @@ void RunReader::handle_map(const map_surfels_t& message) {
                         {message.nx[i], message.ny[i], message.nz[i]},
                         {message.red[i], message.green[i], message.blue[i]},
                         message.radius[i],
-                        message.confidence[i]};
+                        message.confidence[i],
+                        message.utime};
     if (!surfels_.set(message.id[i], surfel)) ++run_.map.refused;
   }
   run_.map.sizes.push_back(
       {message.utime, surfels_.size(), surfels_.stable(run_.map.stable_confidence)});
+}
+
+void RunReader::handle_deformation(const map_deformation_t& message) {
+  MapDeformation deformation{message.utime,
+                             message.map_version,
+                             DeformationKind::kFrame,
+                             message.num_nodes,
+                             message.num_constraints,
+                             message.mean_constraint_error_before,
+                             message.mean_constraint_error_after};
+  switch (message.kind) {
+    case map_deformation_t::KIND_FRAME:
+      break;
+    case map_deformation_t::KIND_LOCAL_LOOP:
+      deformation.kind = DeformationKind::kLocalLoop;
+      break;
+    case map_deformation_t::KIND_GLOBAL_LOOP:
+      deformation.kind = DeformationKind::kGlobalLoop;
+      break;
+    default:
+      ++run_.channels[channel::kMapDeformation].corrupt;
+      return;
+  }
+  for (const std::vector<double>& move : message.translation) {
+    deformation.largest_move =
+        std::max(deformation.largest_move, std::hypot(move[0], move[1], move[2]));
+  }
+  run_.map.deformations.push_back(deformation);
 }
 
 void RunReader::compare(const depth_image_t& estimate, const depth_image_t& truth) {
@@ -296,6 +327,8 @@ void RunReader::handle(const LogReader::Event& event) {
     handle_pose<pose_t>(event, pose_);
   } else if (event.channel == channel::kMapSurfels) {
     if (const auto message = decode<map_surfels_t>(event)) handle_map(*message);
+  } else if (event.channel == channel::kMapDeformation) {
+    if (const auto message = decode<map_deformation_t>(event)) handle_deformation(*message);
   } else if (event.channel == channel::kDepth || event.channel == channel::kGroundTruthDepth) {
     if (auto message = decode<depth_image_t>(event)) {
       const bool is_truth = event.channel == channel::kGroundTruthDepth;

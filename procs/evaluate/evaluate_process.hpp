@@ -11,6 +11,7 @@
 
 #include "configuration/rig_configuration.hpp"
 #include "evaluate/depth_errors.hpp"
+#include "evaluate/map_deformations.hpp"
 #include "evaluate/pose_channel.hpp"
 #include "evaluate/sensor_failures.hpp"
 #include "evaluate/surfel_store.hpp"
@@ -48,7 +49,8 @@ struct MapSize {
 struct MapRecord {
   std::vector<Surfel> surfels;  // after the last message, by id
   std::vector<MapSize> sizes;   // after each message
-  std::size_t refused = 0;      // surfels that were none
+  std::vector<MapDeformation> deformations;
+  std::size_t refused = 0;  // surfels that were none
   // visual_slam.stable_confidence: from it on a surfel is part of the map.
   double stable_confidence = VisualSlamConfiguration{}.stable_confidence;
 };

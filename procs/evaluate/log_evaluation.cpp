@@ -191,15 +191,22 @@ Metrics evaluate_log(const std::string& log, const std::string& folder,
   const TruthTrack nothing;
   bool bounds_set = false;
   bool with_state = false;
+  std::vector<PoseEvaluation> evaluations;
+  evaluations.reserve(run.pose_channels.size());  // they are referred to
+  std::vector<ComparedChannel> compared;
   for (const PoseChannel& channel : run.pose_channels) {
     const bool magnet = channel.kind == PoseKind::kMagnet;
     const bool comparable = !magnet || run.configuration.has_value();
-    const PoseEvaluation evaluation = evaluate_pose_channel(
-        channel, comparable ? run.truth : nothing, magnet ? camera_T_magnet : SE3{});
+    const PoseEvaluation& evaluation = evaluations.emplace_back(evaluate_pose_channel(
+        channel, comparable ? run.truth : nothing, magnet ? camera_T_magnet : SE3{}));
     set_pose_metrics(metrics, channel, evaluation);
     if (comparable && channel.name != channel::kCapsulePose) {
-      set_comparison_metrics(metrics, channel.name, run.truth, evaluation.usable,
-                             channel.kind != PoseKind::kCameraInMap);
+      compared.push_back({channel.name, evaluation.usable, channel.kind != PoseKind::kCameraInMap});
+    }
+    if (comparable && evaluation.frames > 1 && !run.truth.empty()) {
+      run.notes.push_back(channel.name + " has " + std::to_string(evaluation.frames) +
+                          " map frames (map_version): each was aligned with the truth by itself, "
+                          "so its errors say nothing of how the frames lie to each other");
     }
     if (channel.name == channel::kCapsuleState) {
       for (const std::string& note :
@@ -226,11 +233,12 @@ Metrics evaluate_log(const std::string& log, const std::string& folder,
   if (!failures.empty() && !with_state) {
     run.notes.push_back("--failure was given, but the log has no CAPSULE_STATE (sensor_fusion)");
   }
+  set_comparison_metrics(metrics, run.truth, compared);
   if (!bounds_set) set_bound_metrics(metrics, bounds, nullptr, nullptr);
   set_depth_metrics(metrics, run.depth);
   if (!run.depth.frames.empty()) write_depth_series(folder, run.depth);
   const std::vector<ShownFrame> shown = evaluate_pictures(metrics, log, folder, frames, run);
-  evaluate_map(metrics, folder, surface, shown, run);
+  evaluate_map(metrics, log, folder, surface, shown, run);
   if (!set_timing_metrics(metrics, log + ".timing.json")) {
     run.notes.push_back("there is no " + std::filesystem::path(log).filename().string() +
                         ".timing.json beside the log (replay writes it): no times per event");

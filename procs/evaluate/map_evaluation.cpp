@@ -11,7 +11,10 @@
 #include <opencv2/imgcodecs.hpp>
 #include <stdexcept>
 
+#include "evaluate/picture_process.hpp"
+#include "evaluate/seen_surface.hpp"
 #include "evaluate/surface_errors.hpp"
+#include "evaluate/surface_thickness.hpp"
 #include "evaluate/surfel_file.hpp"
 #include "evaluate/surfel_picture.hpp"
 #include "process/channels.hpp"
@@ -191,6 +194,39 @@ std::vector<double> set_surface_metrics(Metrics& metrics, const std::string& fol
   metrics.set_statistics("surface.all", distances);
   set_completeness(metrics, surface, stable, all, placed.rig_T_map, run);
   return distances;
+}
+
+void set_seen_metrics(Metrics& metrics, const std::string& log, const Placed& placed,
+                      std::span<const Surfel> stable, const RecordedRun& run) {
+  const auto truth = run.channels.find(channel::kGroundTruthDepth);
+  if (truth == run.channels.end() || run.truth.empty() || stable.empty()) return;
+  constexpr std::size_t kMostSurfels = 50000;  // spread over all
+  std::vector<Surfel> sample;
+  for (std::size_t i = 0; i < stable.size(); i += stable.size() / kMostSurfels + 1) {
+    sample.push_back(stable[i]);
+  }
+  std::vector<std::pair<std::string, SeenSurface>> ways = {{"none", SeenSurface(sample, SE3{})}};
+  if (placed.name != "none") {
+    ways.emplace_back(placed.name, SeenSurface(sample, placed.rig_T_map));
+  }
+  Progress progress("comparing the map with what the camera saw");
+  read_true_depths(
+      log,
+      [&](std::int64_t utime, const DepthPicture& picture) {
+        const auto rig_T_camera = run.truth.at(utime);
+        if (!rig_T_camera) return;
+        for (auto& [name, seen] : ways) seen.add(utime, picture, *rig_T_camera);
+      },
+      [&progress](double fraction) { progress.update(fraction); });
+  for (const auto& [name, seen] : ways) {
+    const std::vector<double> distances = seen.distances();
+    const std::string key = "surface.seen." + name;
+    metrics.set_count(key + ".count", distances.size());
+    metrics.set_statistics(key, distances);
+    for (const auto& [limit_name, limit] : kLimits) {
+      if (!distances.empty()) metrics.set(key + "." + limit_name, share_within(distances, limit));
+    }
+  }
 }
 
 void write_sizes(const std::string& path, const std::vector<MapSize>& sizes) {
@@ -382,9 +418,14 @@ void draw_map(const std::string& folder, const std::vector<Surfel>& surfels,
 
 }  // namespace
 
-void evaluate_map(Metrics& metrics, const std::string& folder, const std::string& surface,
-                  std::span<const ShownFrame> frames, RecordedRun& run) {
+void evaluate_map(Metrics& metrics, const std::string& log, const std::string& folder,
+                  const std::string& surface, std::span<const ShownFrame> frames,
+                  RecordedRun& run) {
   const MapRecord& map = run.map;
+  set_deformation_metrics(metrics, map.deformations);
+  if (!map.deformations.empty()) {
+    write_deformations(folder + "/deformations.csv", map.deformations);
+  }
   if (map.sizes.empty()) return;
   metrics.set_count("map.messages", map.sizes.size());
   metrics.set_count("map.surfels", map.surfels.size());
@@ -395,10 +436,11 @@ void evaluate_map(Metrics& metrics, const std::string& folder, const std::string
                         "sense) and were left out");
   }
   const Points all = positions(map.surfels);
-  Points stable;
+  std::vector<Surfel> stable_surfels;
   for (const Surfel& surfel : map.surfels) {
-    if (is_stable(surfel, map.stable_confidence)) stable.push_back(surfel.position.cast<double>());
+    if (is_stable(surfel, map.stable_confidence)) stable_surfels.push_back(surfel);
   }
+  const Points stable = positions(stable_surfels);
   metrics.set_count("map.stable", stable.size());
   write_sizes(folder + "/map_size.csv", map.sizes);
   write_surfels(folder + "/map.ply", map.surfels, "map frame");
@@ -418,6 +460,10 @@ void evaluate_map(Metrics& metrics, const std::string& folder, const std::string
     limit = round_limit(std::max(quantile(distances, 0.95), kLeastLimit));
     write_error_file(folder + "/map_error.ply", shown, errors, limit);
   }
+  set_seen_metrics(metrics, log, placed, stable_surfels, run);
+  set_thickness_metrics(
+      metrics, stable_surfels,
+      run.configuration.value_or(RigConfiguration{}).visual_slam.working_distance);
   // Pictures of what is stable, unless that is too little to look at.
   const bool only_stable = 2 * stable.size() >= all.size();
   metrics.set("map.drawn", only_stable ? "stable" : "all");

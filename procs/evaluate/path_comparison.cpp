@@ -30,6 +30,19 @@ MatchedTrajectory part_of(const MatchedTrajectory& matched, const PathPiece& pie
   return part;
 }
 
+// Whether the channel has usable poses nearly all through each piece.
+std::vector<char> pieces_followed(const MatchedTrajectory& usable,
+                                  const std::vector<PathPiece>& pieces) {
+  const std::int64_t interval = median_interval(usable.estimate.utimes);
+  std::vector<char> followed;
+  for (const PathPiece& piece : pieces) {
+    const Trajectory part = part_of(usable, piece).estimate;
+    followed.push_back(availability(part.utimes, interval, piece.begin, piece.end) >=
+                       kLeastAvailability);
+  }
+  return followed;
+}
+
 }  // namespace
 
 std::vector<PathPiece> path_pieces(const TruthTrack& truth, double length, double spacing) {
@@ -53,26 +66,35 @@ std::vector<PathPiece> path_pieces(const TruthTrack& truth, double length, doubl
   return pieces;
 }
 
-void set_comparison_metrics(Metrics& metrics, const std::string& name, const TruthTrack& truth,
-                            const MatchedTrajectory& usable, bool in_rig_frame) {
-  const std::int64_t interval = median_interval(usable.estimate.utimes);
+void set_comparison_metrics(Metrics& metrics, const TruthTrack& truth,
+                            std::span<const ComparedChannel> channels) {
   for (const int length : kLengths) {
-    std::vector<double> unaligned;
-    std::vector<double> aligned;
-    for (const PathPiece& piece : path_pieces(truth, 1e-3 * length, kSpacing)) {
-      const MatchedTrajectory part = part_of(usable, piece);
-      if (availability(part.estimate.utimes, interval, piece.begin, piece.end) <
-          kLeastAvailability) {
-        continue;
-      }
-      unaligned.push_back(statistics(absolute_errors(part, Alignment{})).rmse);
-      aligned.push_back(statistics(absolute_errors(part, align(part, AlignmentKind::kSe3))).rmse);
+    const std::vector<PathPiece> pieces = path_pieces(truth, 1e-3 * length, kSpacing);
+    std::vector<char> common(pieces.size(), 1);
+    std::vector<std::size_t> followed;
+    for (const ComparedChannel& channel : channels) {
+      const std::vector<char> own = pieces_followed(channel.usable, pieces);
+      followed.push_back(static_cast<std::size_t>(std::count(own.begin(), own.end(), 1)));
+      if (followed.back() == 0) continue;
+      for (std::size_t i = 0; i < pieces.size(); ++i) common[i] &= own[i];
     }
-    if (aligned.empty()) continue;
-    const std::string key = "comparison." + std::to_string(length) + "mm." + name;
-    metrics.set_count(key + ".count", aligned.size());
-    if (in_rig_frame) metrics.set(key + ".none", statistics(unaligned).mean);
-    metrics.set(key + ".se3", statistics(aligned).mean);
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+      if (followed[k] == 0) continue;
+      std::vector<double> unaligned;
+      std::vector<double> aligned;
+      for (std::size_t i = 0; i < pieces.size(); ++i) {
+        if (common[i] == 0) continue;
+        const MatchedTrajectory part = part_of(channels[k].usable, pieces[i]);
+        unaligned.push_back(statistics(absolute_errors(part, Alignment{})).rmse);
+        aligned.push_back(statistics(absolute_errors(part, align(part, AlignmentKind::kSe3))).rmse);
+      }
+      const std::string key = "comparison." + std::to_string(length) + "mm." + channels[k].name;
+      metrics.set_count(key + ".followed", followed[k]);
+      metrics.set_count(key + ".count", aligned.size());
+      if (aligned.empty()) continue;
+      if (channels[k].in_rig_frame) metrics.set(key + ".none", statistics(unaligned).mean);
+      metrics.set(key + ".se3", statistics(aligned).mean);
+    }
   }
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -20,11 +21,19 @@ struct PathPiece {
 // its start, as far as the path reaches.
 std::vector<PathPiece> path_pieces(const TruthTrack& truth, double length, double spacing);
 
-// For lengths of 50, 100, 150 and 200 mm comparison.LENGTHmm.NAME.count, the number of pieces of
-// the camera's true path through which the channel has usable poses nearly all of the time, and the
-// mean over these of the RMS position error: .se3 with each piece aligned, and with `in_rig_frame`
-// .none, not aligned. Never with scale. Nothing for a length of which there is no such piece.
-void set_comparison_metrics(Metrics& metrics, const std::string& name, const TruthTrack& truth,
-                            const MatchedTrajectory& usable, bool in_rig_frame);
+// What is compared: the name its figures get, and its usable poses.
+struct ComparedChannel {
+  std::string name;
+  const MatchedTrajectory& usable;
+  bool in_rig_frame;  // else only aligned errors say something
+};
+// For lengths of 50, 100, 150 and 200 mm comparison.LENGTHmm.NAME.followed, the number of pieces of
+// the camera's true path through which the channel has usable poses nearly all of the time; .count,
+// the number of those that every channel followed (but one that followed none), so that all are
+// compared on the same pieces; and the mean over these of the RMS position error: .se3 with each
+// piece aligned, and with `in_rig_frame` .none, not aligned. Never with scale. No errors for a
+// length of which there is no such piece, and nothing for one that the channel never followed.
+void set_comparison_metrics(Metrics& metrics, const TruthTrack& truth,
+                            std::span<const ComparedChannel> channels);
 
 }  // namespace gastronaut::evaluation

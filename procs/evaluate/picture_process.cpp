@@ -146,4 +146,17 @@ void read_frames(const std::string& log, std::span<const std::int64_t> utimes,
   frames.finish();
 }
 
+void read_true_depths(const std::string& log,
+                      const std::function<void(std::int64_t utime, const DepthPicture&)>& use,
+                      const std::function<void(double)>& progress) {
+  LogReader reader(log);
+  while (const auto event = reader.next()) {
+    progress(static_cast<double>(reader.offset()) / static_cast<double>(reader.size()));
+    if (event->channel != channel::kGroundTruthDepth) continue;
+    depth_image_t message;
+    if (decode_message(event->payload, message) != DecodeResult::kOk) continue;
+    if (const auto picture = decode_depth(message)) use(message.utime, *picture);
+  }
+}
+
 }  // namespace gastronaut::evaluation

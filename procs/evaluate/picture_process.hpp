@@ -46,4 +46,10 @@ void read_frames(const std::string& log, std::span<const std::int64_t> utimes,
                  PictureProblems& problems, const std::function<void(const Frame&)>& use,
                  const std::function<void(double)>& progress);
 
+// Hands the pictures of GROUND_TRUTH_DEPTH to `use`, in the log's order; those that cannot be
+// decoded are left out. `progress` and errors as above.
+void read_true_depths(const std::string& log,
+                      const std::function<void(std::int64_t utime, const DepthPicture&)>& use,
+                      const std::function<void(double)>& progress);
+
 }  // namespace gastronaut::evaluation

@@ -76,6 +76,12 @@ TARGETS = [
     ("surface.all.mean", "Map, the same of unstable surfels too", 1e3, "mm", NO_TARGET, ""),
     ("surface.none.mean", "Map, the same not aligned", 1e3, "mm", NO_TARGET,
      "where the map is in the rig's frame"),
+    ("surface.seen.trajectory.mean", "Map, mean distance from the wall as it was last seen", 1e3,
+     "mm", NO_TARGET, "own poses"),
+    ("surface.thickness.mean", "Map, thickness (σ along the normal), mean", 1e3, "mm", NO_TARGET,
+     "two layers 1 mm apart: 0.5"),
+    ("surface.thickness.share_double", "Map, share that is like two layers", 100, "%", NO_TARGET,
+     ""),
     ("surface.completeness.within_1.5mm", "Surface in view with a surfel within 1.5 mm", 100, "%",
      NO_TARGET, ""),
     ("magnetic_localizer.ms_per_event.median", "Magnetic fix, median time", 1e3, "µs", 25,
@@ -946,11 +952,13 @@ def error_rows(metrics, channels):
 
 SURFACE_NAMES = {"none": "not aligned", "trajectory": "placed by the trajectory",
                  "handa": "then aligned, Handa 2014", "paper": "then aligned, the paper's way",
-                 "all": "unstable surfels too, not aligned further"}
+                 "all": "unstable surfels too, not aligned further",
+                 "seen.none": "not aligned, against the wall as last seen",
+                 "seen.trajectory": "placed by the trajectory, against the wall as last seen"}
 
 
 def surface_section(metrics):
-    if "surface.count" not in metrics:
+    if not any(key.startswith("surface.") for key in metrics):
         return ""
     percent = lambda key: f"{100 * metrics['surface.completeness.' + key]:.1f} %"
     rows = []
@@ -967,9 +975,20 @@ def surface_section(metrics):
             f"in {get('iterations')} steps")
         rows.append(f"<tr><td>{label}</td>" + "".join(f"<td class=n>{cell}</td>" for cell in cells)
                     + f"<td class=dim>{moved}</td></tr>")
-    words = (f"<p class=dim>{number(metrics['surface.count'])} stable surfels of "
+    words = (f"<p class=dim>{number(metrics['map.stable'])} stable surfels of "
              f"{number(metrics['map.surfels'])}; distance from each to the nearest point of the "
              "true surface, in millimetres. ")
+    seen = [metrics[key] for key in ("surface.seen.trajectory.count", "surface.seen.none.count")
+            if key in metrics]
+    if seen:
+        words += (f"As last seen: from {number(seen[0])} spread over them to the true depth of the "
+                  "last picture in view of them before they were last measured. ")
+    if "surface.thickness.mean" in metrics:
+        get = lambda key: metrics["surface.thickness." + key]
+        words += (f"Thickness, the standard deviation along the normal of the surfels around one: "
+                  f"{1e3 * get('mean'):.3f} mm in the mean, median {1e3 * get('median'):.3f} mm, "
+                  f"{1e3 * get('p90'):.3f} mm for 90 %; {100 * get('share_double'):.2f} % is as "
+                  "thick as two layers a fortieth of the working distance apart. ")
     if "surface.completeness.within_1.5mm" in metrics:
         words += (f"{percent('seen_share')} of the surface was in view from the true poses; of "
                   f"that, {percent('within_1.5mm')} has a stable surfel within 1.5 mm, "
@@ -978,6 +997,24 @@ def surface_section(metrics):
     return words + "</p>" + table(
         ["map", "#RMS", "#mean", "#median", "#std", "#min", "#max", "#within 1.5 mm",
          "#within 2.5 mm", ""], "".join(rows))
+
+
+DEFORMATION_NAMES = {"frame": "frame to model", "local_loop": "local loop closure",
+                     "global_loop": "global loop closure"}
+
+
+def deformation_rows(metrics):
+    rows = []
+    for kind, label in DEFORMATION_NAMES.items():
+        get = lambda key: metrics.get(f"deformation.{kind}.{key}")
+        if get("count") is None:
+            continue
+        length = lambda key: "–" if get(key) is None else f"{1e3 * get(key):.3f} mm"
+        cells = [number(get("count")), length("error_before"), length("error_after"),
+                 length("largest_move")]
+        rows.append(f"<tr><td>{label}</td>" + "".join(f"<td class=n>{cell}</td>" for cell in cells)
+                    + "</tr>")
+    return "".join(rows)
 
 
 def status_rows(channels):
@@ -1041,7 +1078,7 @@ def comparison_rows(metrics):
             get = lambda key: metrics.get(f"comparison.{length}mm.{name}.{key}")
             cells.append("–" if get("se3") is None else
                          (f"{1e3 * get('none'):.3g} / " if get("none") is not None else "")
-                         + f"{1e3 * get('se3'):.3g} mm ({get('count')})")
+                         + f"{1e3 * get('se3'):.3g} mm ({get('count')} / {get('followed')})")
         cells.append(f"{PAPER_AT_20_CM[name]:g} mm")
         for key, factor, unit in [("rpe.5mm.trans.mean", 1e3, " mm"),
                                   ("rpe.5deg.rot_deg.mean", 1, "°")]:
@@ -1057,11 +1094,11 @@ def comparison_section(metrics):
     if not rows or not any(key.startswith("comparison.") for key in metrics):
         return ""
     words = ("<p class=dim>RMS position error over pieces of the true path that begin every 20 mm, "
-             "mean over the pieces (their number in brackets): not aligned / aligned by SE(3), "
-             "never with scale; vision alone has no place of its own in the rig. A piece counts "
-             "where the channel has usable poses for 90 % of it. Then what a motion of 5 mm errs "
-             "by, and a turn of 5° (mean; the paper: 0.5 mm and 0.5°); the magnet's roll is taken "
-             "from the truth.</p>")
+             "mean over the pieces that all of the channels followed, that is had usable poses for "
+             "90 % of (in brackets: their number / those that this one followed): not aligned / "
+             "aligned by SE(3), never with scale; vision alone has no place of its own in the rig. "
+             "Then what a motion of 5 mm errs by, and a turn of 5° (mean; the paper: 0.5 mm and "
+             "0.5°); the magnet's roll is taken from the truth.</p>")
     return words + table([""] + [f"#{length} mm" for length in COMPARED_LENGTHS]
                          + ["#paper, 200 mm", "#over 5 mm", "#over 5°"], rows)
 
@@ -1173,6 +1210,9 @@ def page(metrics, channels, plots):
     parts.append(section("Status", table(["channel", "status", "#frames or fixes", "#share",
                                           "#RMS position error"], status_rows(channels))))
     parts.append(section("Map against the true surface", surface_section(metrics)))
+    parts.append(section("Bends of the map", table(
+        ["by", "#number", "#constraints err before", "#and after", "#largest move of a node"],
+        deformation_rows(metrics))))
     for title, pictures in plots:
         parts.append(section(title, "".join(inline(picture) for picture in pictures if picture)))
     suffix = ".ms_per_event.median"

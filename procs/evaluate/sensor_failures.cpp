@@ -69,21 +69,30 @@ std::vector<Span> troubles(const SensorHealthSeries& health,
 
 // An alarm in the time to recover is part of the failure: a sensor that is believed for a moment
 // and then not has not recovered.
-bool belongs_to(const Span& alarm, const TrueFailure& failure) {
+bool touches(const Span& alarm, const TrueFailure& failure) {
   return alarm.end >= failure.start && alarm.begin <= failure.end + kRecoveryTime;
 }
 
+// One that was there long before has another cause, or none.
+bool is_alarm_of_any(const Span& alarm, const std::vector<TrueFailure>& failures) {
+  return std::any_of(failures.begin(), failures.end(), [&](const TrueFailure& failure) {
+    return touches(alarm, failure) && alarm.begin >= failure.start - kForewarning;
+  });
+}
+
 FailureNotice judge_failure(const TrueFailure& failure, double next_start,
-                            const std::vector<Span>& alarms) {
+                            const std::vector<Span>& alarms,
+                            const std::vector<TrueFailure>& failures) {
   FailureNotice notice;
   notice.failure = failure;
   double noticed = 0;
   for (const Span& alarm : alarms) {
-    if (!belongs_to(alarm, failure)) continue;
+    if (!touches(alarm, failure)) continue;
     const double begin = std::max(alarm.begin, failure.start);
     if (begin <= failure.end) {
       noticed += std::min(alarm.end, failure.end) - begin;
-      if (!notice.detection_delay) notice.detection_delay = begin - failure.start;
+      const bool detects = is_alarm_of_any(alarm, failures);
+      if (detects && !notice.detection_delay) notice.detection_delay = begin - failure.start;
     }
     notice.recovery_delay.reset();
     if (alarm.over && alarm.end < next_start) {
@@ -170,8 +179,8 @@ TrueFailure parse_failure(const std::string& text) {
     }
   }
   throw std::invalid_argument("\"" + text +
-                              "\" is no failure; write SENSOR:START-END in seconds from the log's "
-                              "start, for example visual:7-13");
+                              "\" is no failure; write SENSOR:START-END in seconds from the first "
+                              "pose, for example visual:7-13");
 }
 
 SensorVerdict judge_sensor(const std::string& sensor, const std::vector<SensorHealth>& health,
@@ -183,15 +192,16 @@ SensorVerdict judge_sensor(const std::string& sensor, const std::vector<SensorHe
   for (std::size_t i = 0; i < own.size(); ++i) {
     const double next_start =
         i + 1 < own.size() ? own[i + 1].start : std::numeric_limits<double>::infinity();
-    verdict.notices.push_back(judge_failure(own[i], next_start, found));
+    verdict.notices.push_back(judge_failure(own[i], next_start, found, own));
   }
   for (const Span& alarm : found) {
-    const bool true_alarm = std::any_of(own.begin(), own.end(), [&](const TrueFailure& failure) {
-      return belongs_to(alarm, failure);
-    });
-    if (true_alarm) continue;
+    if (is_alarm_of_any(alarm, own)) continue;
     ++verdict.false_alarms;
-    verdict.false_alarm_seconds += alarm.end - alarm.begin;
+    double end = alarm.end;
+    for (const TrueFailure& failure : own) {
+      if (failure.start > alarm.begin) end = std::min(end, failure.start);
+    }
+    verdict.false_alarm_seconds += end - alarm.begin;
   }
   return verdict;
 }
@@ -246,7 +256,7 @@ std::vector<std::string> set_failure_metrics(Metrics& metrics, const SensorHealt
       if (notice.recovery_delay) {
         metrics.set(key + ".recovery_delay", *notice.recovery_delay);
         recovery.see(*notice.recovery_delay);
-      } else if (notice.detection_delay) {
+      } else if (notice.missed_share < 1) {
         ++unrecovered;
       }
       metrics.set(key + ".missed_share", notice.missed_share);

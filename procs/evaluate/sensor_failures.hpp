@@ -24,7 +24,8 @@ struct SensorHealth {
 // By the sensor's name, each with ascending utimes; without the time before the first state.
 using SensorHealthSeries = std::map<std::string, std::vector<SensorHealth>>;
 
-// From `start` to `end` the sensor was of no use. Seconds from the log's first measurement.
+// From `start` to `end` the sensor was of no use. Seconds from the first pose, true pose or
+// compared depth, as on the time axes of the report.
 struct TrueFailure {
   std::string sensor;
   double start = 0;
@@ -37,9 +38,15 @@ TrueFailure parse_failure(const std::string& text);
 // has this long to recover before that counts as a false alarm.
 inline constexpr double kRecoveryTime = 1;  // seconds
 
+// An alarm that begins more than the target for the delay and a second before a failure is not of
+// that failure.
+inline constexpr double kForewarning = 1.5;  // seconds
+
 struct FailureNotice {
   TrueFailure failure;
-  std::optional<double> detection_delay;  // seconds from its start; nothing: not noticed
+  // Seconds from its start; nothing: not noticed. 0 for an alarm that was there before: a little
+  // before, or since an earlier failure.
+  std::optional<double> detection_delay;
   // From its end until the sensor counts as nominal and stays so; nothing: not before the next
   // failure, or never noticed.
   std::optional<double> recovery_delay;
@@ -47,8 +54,8 @@ struct FailureNotice {
 };
 struct SensorVerdict {
   std::vector<FailureNotice> notices;  // by start
-  std::size_t false_alarms = 0;        // times below the threshold that touch no failure
-  double false_alarm_seconds = 0;
+  std::size_t false_alarms = 0;        // times below the threshold that are of no failure
+  double false_alarm_seconds = 0;      // without what of them reaches into a failure
 };
 // `failures`: all of them, of which those of `sensor` are looked at. `zero`: the utime they count
 // from.

@@ -5,8 +5,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <tuple>
 
+#include "evaluate/point_grid.hpp"
 #include "evaluate/trajectory_errors.hpp"
 #include "numerics/parallel.hpp"
 
@@ -19,57 +19,17 @@ double root_mean_square(const Eigen::Matrix3Xd& differences) {
   return std::sqrt(differences.squaredNorm() / static_cast<double>(differences.cols()));
 }
 
-// Points in a grid of cubes, found by the cubes around.
-class PointGrid {
- public:
-  PointGrid(const Points& points, double side) : side_(side) {
-    entries_.reserve(points.size());
-    for (const Eigen::Vector3d& point : points) entries_.push_back({cell_of(point), point});
-    std::sort(entries_.begin(), entries_.end(), [](const Entry& a, const Entry& b) {
-      const Eigen::Vector3d& p = a.point;
-      const Eigen::Vector3d& q = b.point;
-      return std::tie(a.cell, p.x(), p.y(), p.z()) < std::tie(b.cell, q.x(), q.y(), q.z());
-    });
-  }
-
-  double nearest(const Eigen::Vector3d& point) const {
-    const Cell centre = cell_of(point);
-    double best2 = side_ * side_;
-    bool found = false;
-    for (std::int64_t x = -1; x <= 1; ++x) {
-      for (std::int64_t y = -1; y <= 1; ++y) {
-        // The cubes z - 1 to z + 1 follow each other.
-        const Cell first = {centre[0] + x, centre[1] + y, centre[2] - 1};
-        const Cell last = {first[0], first[1], centre[2] + 1};
-        auto entry =
-            std::lower_bound(entries_.begin(), entries_.end(), first,
-                             [](const Entry& e, const Cell& wanted) { return e.cell < wanted; });
-        for (; entry != entries_.end() && entry->cell <= last; ++entry) {
-          const double distance2 = (entry->point - point).squaredNorm();
-          if (distance2 > best2) continue;
-          best2 = distance2;
-          found = true;
-        }
-      }
-    }
-    return found ? std::sqrt(best2) : std::numeric_limits<double>::infinity();
-  }
-
- private:
-  using Cell = std::array<std::int64_t, 3>;
-  struct Entry {
-    Cell cell;
-    Eigen::Vector3d point;
-  };
-
-  Cell cell_of(const Eigen::Vector3d& point) const {
-    const Eigen::Vector3d scaled = point / side_;
-    return {std::llround(scaled.x()), std::llround(scaled.y()), std::llround(scaled.z())};
-  }
-
-  double side_;
-  std::vector<Entry> entries_;
-};
+double nearest_of(const PointGrid& grid, const Eigen::Vector3d& place, double reach) {
+  double best2 = reach * reach;
+  bool found = false;
+  grid.visit_around(place, [&](std::size_t, const Eigen::Vector3d& point) {
+    const double distance2 = (point - place).squaredNorm();
+    if (distance2 > best2) return;
+    best2 = distance2;
+    found = true;
+  });
+  return found ? std::sqrt(best2) : std::numeric_limits<double>::infinity();
+}
 
 }  // namespace
 
@@ -197,7 +157,7 @@ std::vector<double> cloud_distances(const Points& points, const Points& cloud, d
   const PointGrid grid(cloud, reach);
   std::vector<double> distances(points.size());
   parallel_for_chunks(points.size(), kChunk, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) distances[i] = grid.nearest(points[i]);
+    for (std::size_t i = begin; i < end; ++i) distances[i] = nearest_of(grid, points[i], reach);
   });
   return distances;
 }

@@ -6,6 +6,8 @@
 
 #include <cmath>
 #include <filesystem>
+#include <gastronaut/depth_image_t.hpp>
+#include <gastronaut/map_deformation_t.hpp>
 #include <gastronaut/map_surfels_t.hpp>
 #include <gastronaut/rig_config_t.hpp>
 #include <gastronaut/rigid_transform_t.hpp>
@@ -30,8 +32,9 @@ using testing::HasSubstr;
 constexpr std::int64_t kPeriod = 100000;  // microseconds
 constexpr int kFrames = 20;
 constexpr int kSurfels = 10000;
-constexpr double kOffset = 0.001;  // metres: all surfels lie outside of the sphere by this
-constexpr double kFloat = 1e-7;    // metres, rounding of floats at this size
+constexpr double kOffset = 0.001;     // metres: all surfels lie outside of the sphere by this
+constexpr double kDepthCount = 1e-6;  // metres
+constexpr double kFloat = 1e-7;       // metres, rounding of floats at this size
 
 // From inside the sphere, looking along z, moving along x.
 SE3 true_pose(int frame) { return {so3_exp({0, 0, 0.02 * frame}), {0.0005 * frame, 0, 0.005}}; }
@@ -58,11 +61,40 @@ void append(map_surfels_t& message, std::int32_t id, const Eigen::Vector3d& rig_
 
 map_surfels_t sphere_map(std::int32_t first_id) {
   map_surfels_t message{};
+  message.utime = kFrames * kPeriod;
   const std::vector<Eigen::Vector3d> points = sample_surface(sphere_mesh(), kSurfels);
   for (int i = 0; i < kSurfels; ++i) {
     append(message, first_id + i,
            points[static_cast<std::size_t>(i)] * (1 + kOffset / kSphereRadius), 20);
   }
+  return message;
+}
+
+// The sphere from inside.
+depth_image_t true_depth(int frame) {
+  depth_image_t message{};
+  message.utime = frame * kPeriod;
+  message.width = 160;
+  message.height = 120;
+  message.fx = message.fy = 75;
+  message.cx = 79.5;
+  message.cy = 59.5;
+  message.metres_per_count = kDepthCount;
+  const SE3 pose = true_pose(frame);
+  for (int v = 0; v < message.height; ++v) {
+    for (int u = 0; u < message.width; ++u) {
+      const Eigen::Vector3d ray = pose.rotation * Eigen::Vector3d((u - message.cx) / message.fx,
+                                                                  (v - message.cy) / message.fy, 1);
+      // |c + d ray| = R
+      const double b = pose.translation.dot(ray);
+      const double c = pose.translation.squaredNorm() - kSphereRadius * kSphereRadius;
+      const double depth = (-b + std::sqrt(b * b - ray.squaredNorm() * c)) / ray.squaredNorm();
+      const auto count = static_cast<std::uint16_t>(std::lround(depth / kDepthCount));
+      message.data.push_back(static_cast<std::uint8_t>(count & 0xFF));
+      message.data.push_back(static_cast<std::uint8_t>(count >> 8));
+    }
+  }
+  message.size = static_cast<std::int32_t>(message.data.size());
   return message;
 }
 
@@ -77,7 +109,10 @@ class MapEvaluationTest : public testing::Test {
   struct Contents {
     bool with_truth = true;
     bool with_map = true;
+    bool with_depth = false;
     std::vector<map_surfels_t> more = {};  // after the map
+    std::vector<map_deformation_t> deformations = {};
+    std::int32_t last_version = 0;  // of VISUAL_POSE in the second half of the log
   };
 
   void write_log(const Contents& contents) const {
@@ -102,10 +137,12 @@ class MapEvaluationTest : public testing::Test {
       const SE3 map_T_camera = kMapTRig * pose;
       visual_pose_t estimate{};
       estimate.utime = frame * kPeriod;
+      estimate.map_version = frame < kFrames / 2 ? 0 : contents.last_version;
       Eigen::Map<Eigen::Vector3d>(estimate.position) = map_T_camera.translation;
       estimate.orientation[0] = map_T_camera.rotation.w();
       Eigen::Map<Eigen::Vector3d>(estimate.orientation + 1) = map_T_camera.rotation.vec();
       log.write(channel::kVisualPose, estimate);
+      if (contents.with_depth) log.write(channel::kGroundTruthDepth, true_depth(frame));
     }
     if (contents.with_map) {
       map_surfels_t message = sphere_map(0);
@@ -113,6 +150,9 @@ class MapEvaluationTest : public testing::Test {
       log.write(channel::kMapSurfels, message);
     }
     for (const map_surfels_t& message : contents.more) log.write(channel::kMapSurfels, message);
+    for (const map_deformation_t& message : contents.deformations) {
+      log.write(channel::kMapDeformation, message);
+    }
     log.close();
   }
 
@@ -218,6 +258,7 @@ TEST_F(MapEvaluationTest, ThePageShowsTheMapAndHowFramesFitIt) {
   const std::string page = contents_of("index.html");
   EXPECT_THAT(page, HasSubstr("Map against the true surface"));
   EXPECT_THAT(page, HasSubstr("10 000 stable surfels of 10 000"));
+  EXPECT_THAT(page, testing::Not(HasSubstr("Bends of the map")));
 }
 
 TEST_F(MapEvaluationTest, RemovedAndChangedAndDamagedSurfelsCountAsTheyShould) {
@@ -236,6 +277,60 @@ TEST_F(MapEvaluationTest, RemovedAndChangedAndDamagedSurfelsCountAsTheyShould) {
   EXPECT_EQ(metrics["map.refused"], 3);
   EXPECT_THAT(metrics.dump(), HasSubstr("3 surfels of MAP_SURFELS are none"));
   EXPECT_NEAR(metrics["surface.trajectory.max"], 10 * kOffset, kSphereSagitta + kFloat);
+}
+
+TEST_F(MapEvaluationTest, BendsOfTheMapAreCountedListedAndShown) {
+  map_deformation_t loop{};
+  loop.utime = 7 * kPeriod;
+  loop.map_version = 2;
+  loop.kind = map_deformation_t::KIND_LOCAL_LOOP;
+  loop.num_nodes = 2;
+  loop.position = {{0, 0, 0}, {0.01, 0, 0}};
+  loop.affine.assign(2, {1, 0, 0, 0, 1, 0, 0, 0, 1});
+  loop.translation = {{0.001, 0, 0}, {0.002, -0.003, 0.006}};
+  loop.num_constraints = 12;
+  loop.mean_constraint_error_before = 0.004;
+  loop.mean_constraint_error_after = 0.0005;
+  map_deformation_t unheard_of = loop;
+  unheard_of.kind = 9;
+  const nlohmann::json metrics = evaluate({.deformations = {loop, unheard_of}}, false);
+  EXPECT_EQ(metrics["deformation.frame.count"], 0);
+  EXPECT_EQ(metrics["deformation.local_loop.count"], 1);
+  EXPECT_EQ(metrics["deformation.local_loop.error_before"], 0.004);
+  EXPECT_EQ(metrics["deformation.local_loop.error_after"], 0.0005);
+  EXPECT_NEAR(metrics["deformation.local_loop.largest_move"], 0.007, kFloat);
+  EXPECT_EQ(metrics["messages.MAP_DEFORMATION.corrupt"], 1);
+  EXPECT_THAT(contents_of("deformations.csv"),
+              HasSubstr("700000,2,2,12,0.004,0.0005,0.007,local_loop\n"));
+  draw_report(folder_, "");
+  EXPECT_THAT(contents_of("index.html"), HasSubstr("local loop closure"));
+
+  std::filesystem::remove(folder_ + "/deformations.csv");
+  EXPECT_THAT(evaluate({}, false).dump(), testing::Not(HasSubstr("\"deformation.")));
+  EXPECT_FALSE(std::filesystem::exists(folder_ + "/deformations.csv"));
+}
+
+TEST_F(MapEvaluationTest, ComparesWithTheWallAsItWasSeenWithoutASurface) {
+  const nlohmann::json metrics = evaluate({.with_depth = true}, false);
+  // A pixel is half a millimetre of the sphere; a surfel behind it, up to 15 degrees aslant, is
+  // within half of one (diagonally 0.38 mm) and 0.28 mm of it. There its tangent plane leaves the
+  // sphere by 5.5 micrometres.
+  constexpr double kTangent = 6e-6;
+  EXPECT_NEAR(metrics["surface.seen.trajectory.mean"], kOffset, kSphereSagitta + kTangent);
+  EXPECT_NEAR(metrics["surface.seen.trajectory.min"], kOffset, kSphereSagitta + kTangent);
+  EXPECT_NEAR(metrics["surface.seen.trajectory.max"], kOffset, kSphereSagitta + kTangent);
+  // The pictures see what completeness counts as in view, about a quarter of the sphere.
+  EXPECT_GT(metrics["surface.seen.trajectory.count"], kSurfels / 10);
+  EXPECT_LT(metrics["surface.seen.trajectory.count"], kSurfels / 2);
+  EXPECT_FALSE(metrics.contains("surface.count"));
+  draw_report(folder_, "");
+  EXPECT_THAT(contents_of("index.html"), HasSubstr("against the wall as last seen"));
+  EXPECT_FALSE(evaluate({}, false).contains("surface.seen.trajectory.count"));
+}
+
+TEST_F(MapEvaluationTest, SaysWhenMapFramesWereAlignedByThemselves) {
+  EXPECT_THAT(evaluate({.last_version = 3}).dump(), HasSubstr("VISUAL_POSE has 2 map frames"));
+  EXPECT_THAT(evaluate({}).dump(), testing::Not(HasSubstr("map frames")));
 }
 
 TEST_F(MapEvaluationTest, DamagedMessagesAreCountedAndDoNoHarm) {

@@ -76,7 +76,8 @@ TEST(PathPiecesTest, AreNoneWhereThePathIsTooShort) {
 TEST(PathComparisonTest, AnErrorOfScaleGrowsWithTheLengthAndIsNotAlignedAway) {
   constexpr double kScaleError = 0.02;
   Metrics metrics;
-  set_comparison_metrics(metrics, "FUSED", straight_path(), seen(1 + kScaleError, 0), true);
+  const MatchedTrajectory fused = seen(1 + kScaleError, 0);
+  set_comparison_metrics(metrics, straight_path(), {{{"FUSED", fused, true}}});
   for (const int length : {50, 100, 150, 200}) {
     const std::string key = "comparison." + std::to_string(length) + "mm.FUSED";
     const double metres = 1e-3 * length;
@@ -97,29 +98,78 @@ TEST(PathComparisonTest, AnErrorOfScaleGrowsWithTheLengthAndIsNotAlignedAway) {
 
 TEST(PathComparisonTest, AMapsOwnFrameCostsNothing) {
   Metrics metrics;
-  set_comparison_metrics(metrics, "VISION", straight_path(), seen(1, kRotation), false);
+  const MatchedTrajectory vision = seen(1, kRotation);
+  set_comparison_metrics(metrics, straight_path(), {{{"VISION", vision, false}}});
   EXPECT_NEAR(find(metrics, "comparison.200mm.VISION.se3").value(), 0, 1e-12);  // rounding
   EXPECT_FALSE(find(metrics, "comparison.200mm.VISION.none"));
 }
 
-TEST(PathComparisonTest, PiecesThatTheChannelDidNotFollowDoNotCount) {
-  MatchedTrajectory matched = seen(1, 0);
-  MatchedTrajectory with_hole;
+// Nothing from 15 to 17 s, that is from 150 to 170 mm.
+MatchedTrajectory with_hole(const MatchedTrajectory& matched) {
+  MatchedTrajectory result;
   for (std::size_t i = 0; i < matched.estimate.size(); ++i) {
-    // Nothing from 15 to 17 s, that is from 150 to 170 mm.
     if (i >= 300 && i < 340) continue;
-    with_hole.estimate.utimes.push_back(matched.estimate.utimes[i]);
-    with_hole.estimate.poses.push_back(matched.estimate.poses[i]);
-    with_hole.truth.push_back(matched.truth[i]);
+    result.estimate.utimes.push_back(matched.estimate.utimes[i]);
+    result.estimate.poses.push_back(matched.estimate.poses[i]);
+    result.truth.push_back(matched.truth[i]);
   }
+  return result;
+}
+
+TEST(PathComparisonTest, PiecesThatTheChannelDidNotFollowDoNotCount) {
+  const MatchedTrajectory vision = with_hole(seen(1, 0));
   Metrics metrics;
-  set_comparison_metrics(metrics, "VISION", straight_path(), with_hole, false);
+  set_comparison_metrics(metrics, straight_path(), {{{"VISION", vision, false}}});
   // Those from 120, 140 and 160 mm on lose 10 to 20 of their 50 mm; that from 100 mm ends there.
   EXPECT_EQ(find(metrics, "comparison.50mm.VISION.count"), 13 - 3);
   // Of 150 mm, 20 are more than a tenth; only the first piece ends before them.
   EXPECT_EQ(find(metrics, "comparison.150mm.VISION.count"), 1);
   // All pieces of 200 mm contain them, which are just a tenth: too little to drop them.
   EXPECT_EQ(find(metrics, "comparison.200mm.VISION.count"), 6);
+}
+
+TEST(PathComparisonTest, AllAreComparedOnThePiecesThatAllFollowed) {
+  const MatchedTrajectory vision = with_hole(seen(1, 0));
+  // Errs only where vision is blind.
+  MatchedTrajectory fused = seen(1, 0);
+  for (std::size_t i = 300; i < 340; ++i) fused.estimate.poses[i].translation.y() += 0.01;
+  const MatchedTrajectory nothing;
+  Metrics metrics;
+  set_comparison_metrics(
+      metrics, straight_path(),
+      {{{"VISION", vision, false}, {"FUSED", fused, true}, {"MAGNET", nothing, true}}});
+  EXPECT_EQ(find(metrics, "comparison.50mm.VISION.followed"), 13 - 3);
+  EXPECT_EQ(find(metrics, "comparison.50mm.FUSED.followed"), 13);
+  EXPECT_EQ(find(metrics, "comparison.50mm.VISION.count"), 13 - 3);
+  EXPECT_EQ(find(metrics, "comparison.50mm.FUSED.count"), 13 - 3);
+  // The piece from 100 mm on ends with the first erring sample, of 101.
+  EXPECT_LT(find(metrics, "comparison.50mm.FUSED.none").value(),
+            0.01 / std::sqrt(101.0) / 10 * 1.1);
+  // One that never followed does not keep the others from being compared.
+  EXPECT_FALSE(find(metrics, "comparison.50mm.MAGNET.followed"));
+}
+
+TEST(PathComparisonTest, WithoutCommonPiecesThereIsNothingToCompare) {
+  const auto slice = [](std::size_t first, std::size_t last) {
+    const MatchedTrajectory all = seen(1, 0);
+    MatchedTrajectory result;
+    for (std::size_t i = first; i < last; ++i) {
+      result.estimate.utimes.push_back(all.estimate.utimes[i]);
+      result.estimate.poses.push_back(all.estimate.poses[i]);
+      result.truth.push_back(all.truth[i]);
+    }
+    return result;
+  };
+  // Of a piece, a tenth may be missing.
+  const MatchedTrajectory early = slice(0, 320);
+  const MatchedTrajectory late = slice(320, static_cast<std::size_t>(count()));
+  Metrics metrics;
+  set_comparison_metrics(metrics, straight_path(),
+                         {{{"EARLY", early, true}, {"LATE", late, true}}});
+  EXPECT_GT(find(metrics, "comparison.50mm.EARLY.followed"), 0);
+  EXPECT_GT(find(metrics, "comparison.50mm.LATE.followed"), 0);
+  EXPECT_EQ(find(metrics, "comparison.50mm.LATE.count"), 0);
+  EXPECT_FALSE(find(metrics, "comparison.50mm.LATE.none"));
 }
 
 }  // namespace

@@ -114,6 +114,29 @@ TEST(JudgeSensorTest, CountsAlarmsThatTouchNoFailureOfThatSensor) {
   EXPECT_NEAR(verdict.false_alarm_seconds, 0.5 + 0.2 + 1, kRounding);
 }
 
+TEST(JudgeSensorTest, AnAlarmFromLongBeforeIsFalseAndDetectsNothing) {
+  // From 5.0 s on, 5 s before the failure, to 12.0 s in it.
+  const SensorVerdict verdict = judge(failed_in({{50, 119}}), {{"visual", 10, 20}});
+  EXPECT_FALSE(verdict.notices[0].detection_delay);
+  EXPECT_EQ(verdict.false_alarms, 1U);
+  EXPECT_NEAR(verdict.false_alarm_seconds, 5, kRounding);
+  // The sensor was not believed all the same.
+  EXPECT_NEAR(verdict.notices[0].missed_share, 0.8, kRounding);
+}
+
+TEST(JudgeSensorTest, AnAlarmFromALittleBeforeIsOfTheFailure) {
+  const SensorVerdict verdict = judge(failed_in({{86, 203}}), {{"visual", 10, 20}});
+  EXPECT_NEAR(verdict.notices[0].detection_delay.value(), 0, kRounding);
+  EXPECT_EQ(verdict.false_alarms, 0U);
+}
+
+TEST(JudgeSensorTest, WhatComesAfterAFalseAlarmIsStillADetection) {
+  // Out from 5 to 11 s without cause, believed, and out again at 13.0 s.
+  const SensorVerdict verdict = judge(failed_in({{50, 109}, {130, 203}}), {{"visual", 10, 20}});
+  EXPECT_NEAR(verdict.notices[0].detection_delay.value(), 3, kRounding);
+  EXPECT_EQ(verdict.false_alarms, 1U);
+}
+
 TEST(JudgeSensorTest, NotANumberIsNoHealth) {
   std::vector<SensorHealth> health = failed_in({});
   health[50].p_nominal = std::numeric_limits<double>::quiet_NaN();

@@ -52,6 +52,33 @@ TEST(SurfelStore, RefusesWhatIsNoSurfel) {
   EXPECT_EQ(store.size(), 0U);
 }
 
+TEST(SurfelStore, KnowsWhenASurfelWasMeasuredLast) {
+  const auto at = [](std::int64_t utime, float x, float confidence, std::uint8_t red) {
+    Surfel result = surfel(x, confidence);
+    result.colour[0] = red;
+    result.measured_utime = utime;
+    return result;
+  };
+  SurfelStore store;
+  const auto measured = [&store] { return store.list().at(0).measured_utime; };
+  store.set(7, at(10, 1, 5, 100));
+  EXPECT_EQ(measured(), 10);
+  store.set(7, at(20, 2, 5, 100));  // the map was bent
+  EXPECT_EQ(measured(), 10);
+  store.set(7, at(30, 2, 6, 100));
+  EXPECT_EQ(measured(), 30);
+  store.set(7, at(40, 2, 3, 100));  // doubted, not measured
+  EXPECT_EQ(measured(), 30);
+  store.set(7, at(50, 2, 3, 101));
+  EXPECT_EQ(measured(), 50);
+  store.reset();  // told again in another frame
+  store.set(7, at(60, 3, 3, 101));
+  EXPECT_EQ(measured(), 50);
+  store.remove(7);
+  store.set(7, at(70, 3, 3, 101));  // another surfel
+  EXPECT_EQ(measured(), 70);
+}
+
 TEST(SurfelStore, AbsurdIdsCostNoMemory) {
   SurfelStore store;
   // An array by id would be some 80 gigabytes long.
