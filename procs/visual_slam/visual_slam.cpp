@@ -114,6 +114,7 @@ VisualSlam::VisualSlam(const VisualSlamOptions& options, KeptMap kept)
       kept_viewpoints_(std::move(kept.viewpoints)) {
   is_lost_ = map_.size() > 0;
   is_in_rig_frame_ = is_lost_ && kept.depth_scale > 0;
+  is_settled_ = is_in_rig_frame_;
   if (is_in_rig_frame_) depth_scale_ = kept.depth_scale;
   rebase_below_ = is_in_rig_frame_ ? 0 : options_.rebase_rotation_std;
 }
@@ -241,6 +242,7 @@ void VisualSlam::use(const FusedState& fused) {
     // What was set aside is in its place; it is joined once, and not turned again.
     rebase_below_ = aside_ ? 0 : std::min(rebase_below_, turn_std / 2);
     rebase(rig_S_map);
+    is_settled_ = is_settled_ || rebase_below_ == 0 || turn_std <= options_.settled_rotation_std;
     return;
   }
   if (!is_in_rig_frame_) return;
@@ -253,8 +255,13 @@ void VisualSlam::rebase(const Similarity& rig_S_map) {
   const auto scale_covariance = [factors = rig_S_map.twist_factors()](Matrix6d& covariance) {
     covariance = (factors.asDiagonal() * covariance * factors.asDiagonal()).eval();
   };
-  map_.transform(rig_S_map);
-  relocaliser_->transform(rig_S_map);
+  // A map that has settled stays, and vision takes its place in it anew: where it has a model of
+  // its own, the last keyframe. Where the map itself is the model, vision goes with it.
+  if (!is_settled_ || !model_) {
+    map_.transform(rig_S_map);
+    relocaliser_->transform(rig_S_map);
+    ++map_frame_;
+  }
   window_->transform(rig_S_map);
   for (SE3* pose : {&pose_.map_T_camera, &*map_T_camera_, &reference_, &anchor_}) {
     *pose = rig_S_map * *pose;
@@ -278,7 +285,6 @@ void VisualSlam::rebase(const Similarity& rig_S_map) {
   is_in_rig_frame_ = true;
   rig_T_map_ = {};
   ++map_version_;
-  ++map_frame_;
 }
 
 // Where fusion expects the camera, rig frame. Nothing while it does not know that well, or the map
@@ -348,6 +354,7 @@ void VisualSlam::set_map_aside() {
   map_ = SurfelMap(options_.map);
   relocaliser_.emplace(grid_, options_.relocaliser);
   is_in_rig_frame_ = false;
+  is_settled_ = false;
   rebase_below_ = options_.rebase_rotation_std / 2;
   ++map_frame_;
 }
@@ -394,6 +401,7 @@ void VisualSlam::begin(const Frame& frame) {
   set_placed(frame, {});
   if (is_in_rig_frame_) ++map_frame_;
   is_in_rig_frame_ = false;
+  is_settled_ = false;
   rebase_below_ = options_.rebase_rotation_std;
   pose_.status = has_begun_ ? SlamStatus::kDegraded : SlamStatus::kOk;
   if (has_begun_) pose_.cause = "no surface was found in what was seen so far";

@@ -68,6 +68,9 @@ struct VisualSlamOptions {
   double rebase_position_std = 0.002;
   double rebase_rotation_std = 0.05;
   double rebase_scale = 0.015;
+  // So well known, the map stays where it is, and vision alone is turned, shifted and scaled;
+  // unless the map is what it is tracked against, as with depths that are nearly certain.
+  double settled_rotation_std = 0.017;
   // respectively are where tracking begins again after so many seconds of usable pictures without a
   // place.
   double restart_position_std = 0.003;
@@ -192,6 +195,7 @@ class VisualSlam {
 
   std::optional<FusedState> fused_;  // of the frame before
   bool is_in_rig_frame_ = false;
+  bool is_settled_ = false;  // the rotation into the rig was well known: the map stays
   SE3 rig_T_map_;            // by how much fusion and vision have drifted apart since
   double rebase_below_ = 0;  // rotation's one sigma: so well known, the map is turned (again)
   double depth_scale_ = 1;

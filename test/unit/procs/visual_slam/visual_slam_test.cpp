@@ -578,6 +578,49 @@ TEST_P(VisualSlamOnDepth, ScaleChangesOnlyWithTheVersion) {
   EXPECT_NEAR(run.slam.depth_scale(), kMuch * kDepthScale, 1e-9);
 }
 
+// The map of a stomach that was gone round is not moved because vision has drifted since.
+TEST(VisualSlam, SettledMapStaysWhenVisionIsSetAnew) {
+  constexpr int kFirst = 30;
+  FusedSession run(kUncertain);
+  run.follow_fused(0, kFirst);
+  ASSERT_EQ(run.slam.map_version(), 1);
+  const int frame = run.slam.map_frame();
+  // Another place, and another scale, of the camera than vision has.
+  constexpr double kMuch = 1.02;
+  const SE3 drift{so3_exp({0.02, -0.01, 0.03}), {5e-4, -3e-4, 2e-4}};
+  const SurfelArrays before = run.slam.map().surfels();
+  int k = kFirst;
+  SlamPose pose;
+  for (; run.slam.map_version() == 1 && k < kFirst + 5; ++k) {
+    FusedState fused = fused_at(k);
+    fused.rig_T_camera = drift * fused.rig_T_camera;
+    fused.depth_scale = kMuch * kDepthScale;
+    run.see(shrunk(frame_at(camera_at(k), k, kUncertain)), {}, fused);
+  }
+  ASSERT_EQ(run.slam.map_version(), 2);
+  EXPECT_EQ(run.slam.map_frame(), frame);
+  // What was sure of its place is where it was, but for what the last frames made of it: they weigh
+  // no more than their share of its confidence.
+  const SurfelArrays& after = run.slam.map().surfels();
+  constexpr double kShift = 5e-4;  // metres, of the drift
+  std::vector<double> moved;
+  for (const std::size_t id : before.at_least(3)) {
+    if (!after.holds(id)) continue;
+    moved.push_back((Eigen::Vector3f(after.x[id], after.y[id], after.z[id]) -
+                     Eigen::Vector3f(before.x[id], before.y[id], before.z[id]))
+                        .cast<double>()
+                        .norm());
+  }
+  ASSERT_GT(moved.size(), 500U);
+  std::nth_element(moved.begin(), moved.begin() + static_cast<std::ptrdiff_t>(moved.size() / 2),
+                   moved.end());
+  EXPECT_LT(moved[moved.size() / 2], kShift / 3);
+  // Vision goes on from there.
+  pose = run.see(shrunk(frame_at(camera_at(k), k, kUncertain)), {}, std::nullopt);
+  EXPECT_EQ(pose.status, SlamStatus::kOk) << pose.cause;
+  expect_at(pose, drift * kRigTScene * camera_at(k), kUncertain);
+}
+
 TEST_P(VisualSlamOnDepth, LostCameraIsFoundAtTheFusedPose) {
   FusedSession run(GetParam());
   run.follow_fused(0, 60);
