@@ -331,6 +331,23 @@ struct SensorFusionConfiguration {
   }
 };
 
+struct OccupancyMapperConfiguration {
+  // Edge of the smallest cube, as a fraction of visual_slam.working_distance: 1 mm in a stomach,
+  // 5 cm in a room.
+  double resolution = 0.025;
+  double map_interval = 1;   // seconds between two OCTOMAP
+  double save_interval = 5;  // seconds between two writes of the file (--octomap)
+  double pose_age = 2;       // seconds: surfels may be older than the camera pose that saw them
+
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("resolution", resolution, between(1e-3, 1));
+    v("map_interval", map_interval, between(0.01, 1e6, Dimension::kTime));
+    v("save_interval", save_interval, between(0.01, 1e6, Dimension::kTime));
+    v("pose_age", pose_age, between(0.01, 60, Dimension::kTime));
+  }
+};
+
 // How long an input may lag behind in event time before it counts as silent (architecture.md).
 struct LagConfiguration {
   double camera = 0.5;  // seconds
@@ -364,6 +381,7 @@ struct RigConfiguration {
   DepthEstimatorConfiguration depth_estimator;
   VisualSlamConfiguration visual_slam;
   SensorFusionConfiguration sensor_fusion;
+  OccupancyMapperConfiguration occupancy_mapper;
 
   // Throws std::invalid_argument where sections contradict each other.
   void check() const;
@@ -381,6 +399,7 @@ struct RigConfiguration {
     v.section("depth_estimator", depth_estimator);
     v.section("visual_slam", visual_slam);
     v.section("sensor_fusion", sensor_fusion);
+    v.section("occupancy_mapper", occupancy_mapper);
   }
 };
 

@@ -16,6 +16,7 @@ inline constexpr const char* kCapsuleState = "CAPSULE_STATE";
 inline constexpr const char* kCapsulePose = "CAPSULE_POSE";
 inline constexpr const char* kMapSurfels = "MAP_SURFELS";
 inline constexpr const char* kMapDeformation = "MAP_DEFORMATION";
+inline constexpr const char* kOctomap = "OCTOMAP";
 inline constexpr const char* kProcessStatus = "PROCESS_STATUS";
 inline constexpr const char* kGroundTruthPose = "GROUND_TRUTH_POSE";
 inline constexpr const char* kGroundTruthDepth = "GROUND_TRUTH_DEPTH";

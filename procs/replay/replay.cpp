@@ -12,6 +12,7 @@
 #include "depth_estimator/depth_estimator_process.hpp"
 #include "magnetic_localizer/magnetic_localizer_process.hpp"
 #include "numerics/parallel.hpp"
+#include "occupancy_mapper/occupancy_mapper_process.hpp"
 #include "process/command_line.hpp"
 #include "process/log_run.hpp"
 #include "process/progress.hpp"
@@ -63,7 +64,7 @@ void print_summary(const LogRunOptions& options, const LogRunResult& result) {
 
 std::vector<ProcessDescription> all_processes() {
   return {magnetic_localizer_process(), depth_estimator_process(), visual_slam_process(),
-          sensor_fusion_process()};
+          sensor_fusion_process(), occupancy_mapper_process()};
 }
 
 std::vector<ProcessDescription> select_processes(const std::string& only) {
