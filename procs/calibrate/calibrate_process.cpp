@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <map>
 
 #include "bus/log_file.hpp"
@@ -23,6 +22,7 @@
 #include "process/channels.hpp"
 #include "process/command_line.hpp"
 #include "process/progress.hpp"
+#include "process/whole_file.hpp"
 
 namespace gastronaut {
 namespace {
@@ -183,15 +183,8 @@ std::vector<CalibrationReading> make_readings(const CalibrationLog& log, int num
   return readings;
 }
 
-// Writes beside the file and renames, so that a fragment under its own name is whole.
 void write_fragment(const std::string& path, const std::string& text) {
-  const std::string partial = path + ".partial";
-  std::ofstream file(partial, std::ios::binary);
-  file << text;
-  file.close();
-  std::error_code problem;
-  if (file) std::filesystem::rename(partial, path, problem);
-  if (!file || problem) throw std::runtime_error("cannot write " + path);
+  write_whole(path, [&text](std::ofstream& file) { file << text; });
   spdlog::info("wrote {}", path);
 }
 

@@ -12,6 +12,7 @@
 
 #include "gastronaut/occupancy_t.hpp"
 #include "process/channels.hpp"
+#include "process/whole_file.hpp"
 
 namespace gastronaut {
 namespace {
@@ -133,8 +134,9 @@ void OccupancyMapperProcess::publish() {
 void OccupancyMapperProcess::keep() {
   file_problem_.clear();
   try {
-    occupancy::write_tree_file(file_, ends_with(file_, kFullFile) ? map_.tree().as_ot(comments_)
-                                                                  : map_.tree().as_bt(comments_));
+    const std::string tree =
+        ends_with(file_, kFullFile) ? map_.tree().as_ot(comments_) : map_.tree().as_bt(comments_);
+    write_whole(file_, [&tree](std::ofstream& file) { file << tree; });
   } catch (const std::runtime_error& error) {
     file_problem_ = error.what();
   }

@@ -2,13 +2,7 @@
 
 #include <fmt/format.h>
 
-#include <cerrno>
-#include <cstring>
-#include <filesystem>
-#include <fstream>
 #include <sstream>
-#include <stdexcept>
-#include <system_error>
 
 namespace gastronaut::occupancy {
 namespace {
@@ -123,21 +117,6 @@ std::string OccupancyTree::as_ot(const std::vector<TreeComment>& comments) const
   std::ostringstream stream(header(fileHeader, comments), std::ios::ate);
   writeData(stream);
   return stream.str();
-}
-
-void write_tree_file(const std::string& path, const std::string& bytes) {
-  const std::string partial = path + ".partial";
-  std::ofstream file(partial, std::ios::binary | std::ios::trunc);
-  file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  file.close();
-  std::error_code error;
-  if (file) std::filesystem::rename(partial, path, error);
-  if (!file || error) {
-    const std::string why = error ? error.message() : std::strerror(errno);
-    std::filesystem::remove(partial, error);
-    throw std::runtime_error(path + ": cannot be written (" + why +
-                             "); check the folder, its permissions and the space left");
-  }
 }
 
 }  // namespace gastronaut::occupancy

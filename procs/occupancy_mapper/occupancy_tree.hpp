@@ -38,8 +38,4 @@ class OccupancyTree : public octomap::OcTree {
   void fill(octomap::OcTreeNode* node, int side, const VoxelIndex& lowest, const BlockState& state);
 };
 
-// Writes FILE.partial and renames it to FILE, so that a file under its own name is whole. Throws
-// std::runtime_error that says why it cannot be written.
-void write_tree_file(const std::string& path, const std::string& bytes);
-
 }  // namespace gastronaut::occupancy

@@ -71,6 +71,19 @@ Matrix6d positive_part(const Matrix6d& matrix) {
          solver.eigenvectors().transpose();
 }
 
+// Of vision, from frame to frame.
+Matrix6d white_noise(const BeliefModel& model) {
+  return swinging_noise(model.visual_position_std * model.working_distance,
+                        model.visual_rotation_std, model.working_distance);
+}
+
+// In the worst direction, rad^2.
+double worst_rotation_variance(const FusedState& state) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> rotation(
+      state.covariance.bottomRightCorner<3, 3>(), Eigen::EigenvaluesOnly);
+  return rotation.eigenvalues()(2);
+}
+
 // Density of what a failed sensor gives, which is anything: positions within the search box, axes
 // on the sphere, rotations of any kind. The same whatever is believed of the pose, so that where
 // little is known one reading does not decide, and where much is wrongly taken for known it does
@@ -303,19 +316,14 @@ void SwitchingFilter::meet_map(const VisualMeasurement& measurement) {
 void SwitchingFilter::establish_maps(const VisualMeasurement& measurement) {
   if (has_begun_) {
     const FusedState now = state(measurement.utime);
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> rotation(
-        now.covariance.bottomRightCorner<3, 3>(), Eigen::EigenvaluesOnly);
-    if (rotation.eigenvalues()(2) > kOpenRoll * kOpenRoll) {
+    if (worst_rotation_variance(now) > kOpenRoll * kOpenRoll) {
       begin_rolls(CapsuleBelief(likeliest()));
     }
   }
-  const BeliefModel& model = options_.model;
-  const Matrix6d noise = swinging_noise(model.visual_position_std * model.working_distance,
-                                        model.visual_rotation_std, model.working_distance);
+  const Matrix6d noise = white_noise(options_.model);
   for_each_belief(
       [&](CapsuleBelief& belief) { belief.establish_map(measurement.map_T_camera, noise); });
   check_.reset();
-  if (has_begun_) begin_check();
 }
 
 // The likeliest belief, but with a calibration that is hardly known.
@@ -362,14 +370,15 @@ void SwitchingFilter::let_maps_drift(const VisualMeasurement& measurement) {
   const BeliefModel& model = options_.model;
   const SE3 moved = last_map_T_camera_->inverse() * measurement.map_T_camera;
   const double inflation = record(Sensor::kVisual).inflation * drift_inflation_;
+  const double turned = angle_between(moved.rotation, Eigen::Quaterniond::Identity());
+  const Matrix6d noise = swinging_noise(model.drift_position * model.working_distance,
+                                        model.drift_rotation, model.working_distance);
   const auto drift = [&](CapsuleBelief& belief, double factor) {
     // A longer one is a jump, not drift: whatever it is, the belief must survive it.
-    const double path = std::min(
-        kLongestPath, belief.map_scale * moved.translation.norm() / model.working_distance +
-                          angle_between(moved.rotation, Eigen::Quaterniond::Identity()));
-    belief.let_map_drift(factor * path *
-                             swinging_noise(model.drift_position * model.working_distance,
-                                            model.drift_rotation, model.working_distance),
+    const double path =
+        std::min(kLongestPath,
+                 belief.map_scale * moved.translation.norm() / model.working_distance + turned);
+    belief.let_map_drift(factor * path * noise,
                          factor * path * model.drift_scale * model.drift_scale);
   };
   for_each_belief([&](CapsuleBelief& belief) { drift(belief, inflation); });
@@ -378,10 +387,7 @@ void SwitchingFilter::let_maps_drift(const VisualMeasurement& measurement) {
 
 // Vision's noise from frame to frame; where it says that it is held worse than it was, that too.
 Matrix6d SwitchingFilter::visual_noise(const VisualMeasurement& measurement) const {
-  const BeliefModel& model = options_.model;
-  Matrix6d noise = record(Sensor::kVisual).inflation *
-                   swinging_noise(model.visual_position_std * model.working_distance,
-                                  model.visual_rotation_std, model.working_distance);
+  Matrix6d noise = record(Sensor::kVisual).inflation * white_noise(options_.model);
   if (measurement.is_degraded && well_held_ && is_covariance(measurement.covariance)) {
     Vector6d to_metres = Vector6d::Ones();
     to_metres.head<3>().setConstant(likeliest().map_scale);
@@ -573,9 +579,9 @@ FusedState SwitchingFilter::state(std::int64_t utime) {
                          centre.translation + mean.head<3>()};
   result.depth_scale = scale_of_map_ * std::exp(log_scale);
 
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> rotation(
-      result.covariance.bottomRightCorner<3, 3>(), Eigen::EigenvaluesOnly);
-  if (rotation.eigenvalues()(2) < options_.known_roll * options_.known_roll) has_begun_ = true;
+  if (worst_rotation_variance(result) < options_.known_roll * options_.known_roll) {
+    has_begun_ = true;
+  }
   const bool magnetic_failed = failed(Sensor::kMagnetic);
   const bool visual_failed = failed(Sensor::kVisual);
   if (magnetic_failed && visual_failed) {

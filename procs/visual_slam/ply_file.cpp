@@ -3,32 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cerrno>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
-#include <filesystem>
-#include <stdexcept>
-#include <system_error>
 
 namespace gastronaut::slam {
 
 static_assert(std::endian::native == std::endian::little);
-
-void write_whole(const std::string& path, const std::function<void(std::ofstream&)>& write) {
-  const std::string partial = path + ".partial";
-  std::ofstream file(partial, std::ios::binary | std::ios::trunc);
-  if (file) write(file);
-  file.close();
-  std::error_code error;
-  if (file) std::filesystem::rename(partial, path, error);
-  if (!file || error) {
-    const std::string why = error ? error.message() : std::strerror(errno);
-    std::filesystem::remove(partial, error);
-    throw std::runtime_error(path + ": cannot be written (" + why +
-                             "); check the folder, its permissions and the space left");
-  }
-}
 
 void write_ply_head(std::ofstream& file, const std::string& comment, std::size_t vertices) {
   file << "ply\nformat binary_little_endian 1.0\ncomment " << comment << "\nelement vertex "

@@ -13,6 +13,7 @@
 #include <system_error>
 #include <vector>
 
+#include "process/whole_file.hpp"
 #include "visual_slam/ply_file.hpp"
 
 namespace gastronaut::slam {

@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <unordered_map>
 
+#include "process/whole_file.hpp"
 #include "visual_slam/ply_file.hpp"
 
 namespace gastronaut::slam {

@@ -1,11 +1,7 @@
 // The program itself, on logs written here.
 #include <gmock/gmock.h>
-#include <sys/wait.h>
 
-#include <cstdlib>
-#include <filesystem>
 #include <fstream>
-#include <sstream>
 
 #include "array_simulation.hpp"
 #include "bus/log_file.hpp"
@@ -14,19 +10,16 @@
 #include "gastronaut/rig_config_t.hpp"
 #include "gastronaut/rigid_transform_t.hpp"
 #include "process/channels.hpp"
+#include "unit/procs/calibrate/program_folder.hpp"
 
 namespace gastronaut {
 namespace {
 
 using testing::HasSubstr;
 
-class CalibrateProgram : public testing::Test {
+class CalibrateProgram : public ProgramFolder {
  protected:
-  void SetUp() override {
-    folder_ = testing::TempDir() + "calibrate_program_" + std::to_string(getpid());
-    std::filesystem::create_directories(folder_);
-  }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
+  CalibrateProgram() : ProgramFolder("calibrate_program") {}
 
   void write_log(const std::string& name, const SimulatedRun& run, bool with_truth) const {
     LogWriter log(folder_ + "/" + name);
@@ -67,18 +60,8 @@ class CalibrateProgram : public testing::Test {
     log.close();
   }
 
-  int run(const std::string& arguments) const {
-    const std::string command = "cd '" + folder_ + "' && '" + GASTRONAUT_BINARY_DIR +
-                                "/bin/calibrate' " + arguments + " >out.txt 2>err.txt";
-    return WEXITSTATUS(std::system(command.c_str()));
-  }
-  std::string read(const std::string& name) const {
-    std::ostringstream text;
-    text << std::ifstream(folder_ + "/" + name).rdbuf();
-    return text.str();
-  }
+  int run(const std::string& arguments) const { return run_program("calibrate " + arguments); }
 
-  std::string folder_;
   const RigConfiguration rig_ = simulated_rig(3);
   const RigConfiguration truth_ = with_sensor_errors(rig_, {}, 21);
 };

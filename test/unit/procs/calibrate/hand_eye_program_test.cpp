@@ -1,6 +1,5 @@
 // `calibrate hand-eye` itself, on logs written here.
 #include <gmock/gmock.h>
-#include <sys/wait.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -15,6 +14,7 @@
 #include "gastronaut/visual_pose_t.hpp"
 #include "process/channels.hpp"
 #include "unit/procs/calibrate/hand_eye_simulation.hpp"
+#include "unit/procs/calibrate/program_folder.hpp"
 
 namespace gastronaut {
 namespace {
@@ -22,13 +22,9 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
-class CalibrateHandEye : public testing::Test {
+class CalibrateHandEye : public ProgramFolder {
  protected:
-  void SetUp() override {
-    folder_ = testing::TempDir() + "calibrate_hand_eye_" + std::to_string(getpid());
-    std::filesystem::create_directories(folder_);
-  }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
+  CalibrateHandEye() : ProgramFolder("calibrate_hand_eye") {}
 
   static std::int64_t utime(double time) {
     return 1'700'000'000'000'000 + static_cast<std::int64_t>(std::llround(time * 1e6));
@@ -80,17 +76,8 @@ class CalibrateHandEye : public testing::Test {
     log.close();
   }
   int run(const std::string& arguments) const {
-    const std::string command = "cd '" + folder_ + "' && '" + GASTRONAUT_BINARY_DIR +
-                                "/bin/calibrate' hand-eye " + arguments + " >out.txt 2>err.txt";
-    return WEXITSTATUS(std::system(command.c_str()));
+    return run_program("calibrate hand-eye " + arguments);
   }
-  std::string read(const std::string& name) const {
-    std::ostringstream text;
-    text << std::ifstream(folder_ + "/" + name).rdbuf();
-    return text.str();
-  }
-
-  std::string folder_;
 };
 
 TEST_F(CalibrateHandEye, WritesAFragmentThatLoadsAndATableToBelieve) {

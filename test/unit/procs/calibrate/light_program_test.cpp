@@ -1,13 +1,10 @@
 // `calibrate light` itself, on recordings of the virtual rig made here and on the shared phantoms,
 // which another program rendered.
 #include <gmock/gmock.h>
-#include <sys/wait.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 
 #include "bus/log_file.hpp"
 #include "configuration/rig_configuration.hpp"
@@ -16,6 +13,7 @@
 #include "gastronaut/rigid_transform_t.hpp"
 #include "numerics/counter_random.hpp"
 #include "process/channels.hpp"
+#include "unit/procs/calibrate/program_folder.hpp"
 
 namespace gastronaut {
 namespace {
@@ -36,30 +34,18 @@ constexpr double kTruePower = 2.64e-4;
 const char* const kConfiguredLight =
     "camera: {led_intensity: 2.2e-4, vignetting_cos_power: 1, gamma: 2.2}\nlights: {lobe: 1.2}\n";
 
-class CalibrateLight : public testing::Test {
+class CalibrateLight : public ProgramFolder {
  protected:
-  void SetUp() override {
-    folder_ = testing::TempDir() + "calibrate_light_" + std::to_string(getpid());
-    std::filesystem::create_directories(folder_);
+  CalibrateLight() : ProgramFolder("calibrate_light") {
     std::ofstream(folder_ + "/configured.yaml") << kConfiguredLight;
   }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
 
-  int run(const std::string& command) const {
-    const std::string line = "cd '" + folder_ + "' && '" + GASTRONAUT_BINARY_DIR + "/bin/'" +
-                             command + " >out.txt 2>err.txt";
-    return WEXITSTATUS(std::system(line.c_str()));
-  }
+  int run(const std::string& command) const { return run_program(command); }
   void record(const std::string& scenario, const std::string& settings) const {
     ASSERT_EQ(run("virtual_rig --scenario '" + kScenarios + scenario +
                   ".yaml' --log-out raw.lcmlog" + settings),
               0)
         << read("err.txt");
-  }
-  std::string read(const std::string& name) const {
-    std::ostringstream text;
-    text << std::ifstream(folder_ + "/" + name).rdbuf();
-    return text.str();
   }
   // The fragment on top of the defaults.
   RigConfiguration calibrated() const {
@@ -107,8 +93,6 @@ class CalibrateLight : public testing::Test {
     }
     writer.close();
   }
-
-  std::string folder_;
 };
 
 TEST_F(CalibrateLight, RecoversTheLightOfTheVirtualRigFromACardAndKnownPoses) {

@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <filesystem>
 #include <map>
 #include <memory>
 #include <sstream>
@@ -113,16 +112,6 @@ TEST(OccupancyTreeTest, AnEmptyTreeIsAFileToo) {
   octomap::OcTree read(kLeaf);
   EXPECT_TRUE(read.readBinary(bt));
   EXPECT_EQ(read.size(), 0U);
-}
-
-TEST(OccupancyTreeTest, AFileUnderItsNameIsWhole) {
-  const std::string path = testing::TempDir() + "occupancy_tree_test.bt";
-  write_tree_file(path, "first");
-  write_tree_file(path, "second");
-  EXPECT_EQ(std::filesystem::file_size(path), std::string("second").size());
-  EXPECT_FALSE(std::filesystem::exists(path + ".partial"));
-  std::filesystem::remove(path);
-  EXPECT_THROW(write_tree_file("/no/such/folder/tree.bt", "bytes"), std::runtime_error);
 }
 
 }  // namespace

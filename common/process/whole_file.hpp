@@ -1,0 +1,14 @@
+// Files that are never half a file.
+#pragma once
+
+#include <fstream>
+#include <functional>
+#include <string>
+
+namespace gastronaut {
+
+// Has write(file) fill path + ".partial" and renames it to `path`, so that `path` is never half a
+// file. Throws std::runtime_error, saying why, when that fails; then `path` is what it was.
+void write_whole(const std::string& path, const std::function<void(std::ofstream&)>& write);
+
+}  // namespace gastronaut
