@@ -274,6 +274,7 @@ struct VisualSlamConfiguration {
   // Surfels that were merged fewer times than this are removed when they stay unseen. Depth from
   // shading is merged by keyframes, a sensor's frame by frame: there 10 is right.
   double stable_confidence = 3;
+  bool deformation = true;    // the map bends into place; off: it is rigid
   double map_interval = 0.5;  // seconds between two MAP_SURFELS
   double save_interval = 5;   // seconds between two saves of the map (--map)
 
@@ -283,6 +284,7 @@ struct VisualSlamConfiguration {
     v("max_width", max_width, between(80, 4096));
     v("rgb_weight", rgb_weight, between(0, 100));
     v("stable_confidence", stable_confidence, between(0.1, 200));
+    v("deformation", deformation);
     v("map_interval", map_interval, between(0.01, 1e6, Dimension::kTime));
     v("save_interval", save_interval, between(0.01, 1e6, Dimension::kTime));
   }

@@ -192,7 +192,8 @@ bool Relocaliser::add(const Frame& frame, const SE3& map_T_camera) {
     if (off < 1) return false;
     if (k == 0 || off < nearest) nearest = off, place = k;
   }
-  Keyframe keyframe{map_T_camera, tiny.distance, code(tiny, {}), std::move(tiny.depth)};
+  Keyframe keyframe{frame.utime, map_T_camera, tiny.distance, code(tiny, {}),
+                    std::move(tiny.depth)};
   if (size() < options_.most) {
     keyframes_.push_back(std::move(keyframe));
   } else {
@@ -201,7 +202,8 @@ bool Relocaliser::add(const Frame& frame, const SE3& map_T_camera) {
   return true;
 }
 
-std::vector<SE3> Relocaliser::candidates(const Frame& frame, int most) const {
+std::vector<SE3> Relocaliser::candidates(const Frame& frame, int most,
+                                         std::int64_t seen_before) const {
   const Tiny tiny = shrink(frame);
   std::vector<SE3> poses;
   if (!(tiny.distance > 0)) return poses;
@@ -209,12 +211,17 @@ std::vector<SE3> Relocaliser::candidates(const Frame& frame, int most) const {
   const auto better = [](const Match& a, const Match& b) {
     return a.score != b.score ? a.score > b.score : a.keyframe < b.keyframe;
   };
-  std::vector<Match> matches(keyframes_.size());
+  std::vector<int> old;
+  for (std::size_t k = 0; k < keyframes_.size(); ++k) {
+    if (keyframes_[k].utime < seen_before) old.push_back(static_cast<int>(k));
+  }
+  std::vector<Match> matches(old.size());
   const auto try_at = [&](const Alignment& alignment, const std::vector<std::int16_t>& moved,
-                          std::size_t k, Match& match) {
-    const auto score = static_cast<float>(dot(moved, keyframes_[k].code) / whole);
+                          int keyframe, Match& match) {
+    const std::vector<std::int16_t>& other = keyframes_[static_cast<std::size_t>(keyframe)].code;
+    const auto score = static_cast<float>(dot(moved, other) / whole);
     if (match.keyframe < 0 || score > match.score) {
-      match = {score, static_cast<int>(k), alignment};
+      match = {score, keyframe, alignment};
     }
   };
   for (int turn = -kTurns; turn <= kTurns; ++turn) {
@@ -222,7 +229,7 @@ std::vector<SE3> Relocaliser::candidates(const Frame& frame, int most) const {
       for (int i = -kShifts; i <= kShifts; ++i) {
         const Alignment alignment{2 * turn, i * kShift, j * kShift};
         const auto moved = code(tiny, alignment);
-        for (std::size_t k = 0; k < matches.size(); ++k) try_at(alignment, moved, k, matches[k]);
+        for (std::size_t k = 0; k < old.size(); ++k) try_at(alignment, moved, old[k], matches[k]);
       }
     }
   }
@@ -236,7 +243,7 @@ std::vector<SE3> Relocaliser::candidates(const Frame& frame, int most) const {
       for (int dv = -1; dv <= 1; ++dv) {
         for (int du = -1; du <= 1; ++du) {
           const Alignment alignment{start.half_turns + turn, start.du + du, start.dv + dv};
-          try_at(alignment, code(tiny, alignment), static_cast<std::size_t>(match.keyframe), match);
+          try_at(alignment, code(tiny, alignment), match.keyframe, match);
         }
       }
     }
@@ -306,6 +313,12 @@ void Relocaliser::transform(const Similarity& similarity) {
     keyframe.map_T_camera = similarity * keyframe.map_T_camera;
     keyframe.distance *= similarity.scale;
     for (float& depth : keyframe.depth) depth *= static_cast<float>(similarity.scale);
+  }
+}
+
+void Relocaliser::deform(const DeformationGraph& graph) {
+  for (Keyframe& keyframe : keyframes_) {
+    keyframe.map_T_camera = graph.moved(keyframe.map_T_camera, TimeSpan::at(keyframe.utime));
   }
 }
 

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "geometry/se3.hpp"
+#include "visual_slam/deformation_graph.hpp"
 #include "visual_slam/frame.hpp"
 #include "visual_slam/similarity.hpp"
 
@@ -35,19 +36,24 @@ class Relocaliser {
   // with little depth or albedo is not stored.
   bool add(const Frame& frame, const SE3& map_T_camera);
 
-  // Poses (map_T_camera) from which the map is worth a try, best first, at most `most`.
-  std::vector<SE3> candidates(const Frame& frame, int most) const;
+  // Poses (map_T_camera) from which the map is worth a try, best first, at most `most`; of those
+  // remembered from frames before that utime.
+  std::vector<SE3> candidates(const Frame& frame, int most,
+                              std::int64_t seen_before = INT64_MAX) const;
 
   // All that another one of the same grid and options remembers, as far as there is room.
   void add(const Relocaliser& other);
   // What is stored goes to another frame and other metres.
   void transform(const Similarity& similarity);
+  // The cameras go with what they saw.
+  void deform(const DeformationGraph& graph);
 
   std::vector<SE3> viewpoints() const;
   int size() const { return static_cast<int>(keyframes_.size()); }
 
  private:
   struct Keyframe {
+    std::int64_t utime = 0;
     SE3 map_T_camera;
     double distance = 0;             // metres, middle depth
     std::vector<std::int16_t> code;  // of albedo, then of depth, each of unit length, scaled

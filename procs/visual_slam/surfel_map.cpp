@@ -114,6 +114,7 @@ void SurfelMap::predict(const SE3& map_T_camera, const PinholeGrid& grid, std::i
   splat_options.farthest = options_.farthest * options_.working_distance;
   splat_options.minimum_cosine = options_.minimum_cosine;
   if (part == MapPart::kActive) splat_options.active_since = now - active_window_;
+  if (part == MapPart::kOld) splat_options.known_before = old_before(now);
   view.map_T_camera = map_T_camera;
   view.grid = grid;
   splat(surfels_,
@@ -438,6 +439,34 @@ void SurfelMap::transform(const Similarity& similarity) {
     mark_changed(id);
   }
   blocks_ = std::move(blocks);
+}
+
+void SurfelMap::deform(const DeformationGraph& graph) {
+  // A surfel follows the nodes nearest to it, which are at most some spacings off.
+  constexpr double kSpacings = 4;
+  std::vector<Eigen::Vector3d> moving;
+  for (const DeformationNode& node : graph.nodes()) {
+    if (!node.affine.isIdentity(0) || !node.translation.isZero(0)) moving.push_back(node.position);
+  }
+  const double reach = kSpacings * graph.spacing() +
+                       std::sqrt(3.0) / 2 * options_.block_size * options_.working_distance;
+  std::vector<std::int32_t> ids;
+  for (const SurfelBlock& block : blocks_.blocks()) {
+    const bool is_near = std::any_of(moving.begin(), moving.end(), [&](const auto& position) {
+      return (position - block.centre).squaredNorm() < reach * reach;
+    });
+    if (is_near) ids.insert(ids.end(), block.ids.begin(), block.ids.end());
+  }
+  for (const std::int32_t id : graph.apply(surfels_, ids)) {
+    const auto k = static_cast<std::size_t>(id);
+    const Eigen::Vector3f position(surfels_.x[k], surfels_.y[k], surfels_.z[k]);
+    if (!blocks_.reaches(position)) {
+      remove(id);
+      continue;
+    }
+    blocks_.move(id, position, surfels_.radius[k], surfels_.updated[k]);
+    mark_changed(id);
+  }
 }
 
 void SurfelMap::give_way(const Frame& frame, const SE3& map_T_camera) {

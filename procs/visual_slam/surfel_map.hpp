@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "visual_slam/deformation_graph.hpp"
 #include "visual_slam/frame.hpp"
 #include "visual_slam/similarity.hpp"
 #include "visual_slam/surfel_arrays.hpp"
@@ -37,7 +38,8 @@ struct SurfelMapOptions {
   int reserved_surfels = 2'000'000;  // address space set aside, so that growing is no stutter
 };
 
-enum class MapPart { kActive, kAll };
+// kActive: what was updated lately. kOld: what was first seen before that.
+enum class MapPart { kActive, kOld, kAll };
 
 struct FuseReport {
   int associated = 0;  // surfels that a measurement went into
@@ -63,8 +65,8 @@ class SurfelMap {
   // Of surfels kept before (surfel_file.hpp). Throws as well if one lies out of reach.
   SurfelMap(const SurfelMapOptions& options, SurfelArrays surfels);
 
-  // The map from a pose at utime `now`; kActive leaves out what was not updated lately. Costs what
-  // is in view, not what is in the map.
+  // The map, or a part of it, from a pose at utime `now`. Costs what is in view, not what is in the
+  // map.
   void predict(const SE3& map_T_camera, const PinholeGrid& grid, std::int64_t now, MapPart part,
                ModelView& view) const;
 
@@ -79,6 +81,10 @@ class SurfelMap {
   // Another frame, and other metres: all surfels go there, and count as changed.
   void transform(const Similarity& similarity);
 
+  // All surfels follow the graph; those that leave the map's reach are removed. Costs what is near
+  // the nodes that move.
+  void deform(const DeformationGraph& graph);
+
   // Surfels of another map in the same frame; they get ids of this one.
   void add(const SurfelArrays& others);
 
@@ -90,6 +96,8 @@ class SurfelMap {
   // What to publish as MAP_SURFELS; the next increment starts here.
   MapIncrement take_increment();
 
+  // The utime before which a surfel was made that is of the old part at `now`.
+  std::int64_t old_before(std::int64_t now) const { return now - active_window_; }
   int size() const { return size_; }  // surfels in the map
   // By id, with gaps. A copy is a snapshot that can be saved while the map goes on.
   const SurfelArrays& surfels() const { return surfels_; }

@@ -69,6 +69,7 @@ bool pixels_between(float low, float high, int size, std::int16_t& first, std::i
 bool project(const SurfelArrays& surfels, std::size_t id, const Camera& camera,
              const SplatOptions& options, Disc& disc) {
   if (surfels.updated[id] < options.active_since) return false;
+  if (surfels.initialised[id] >= options.known_before) return false;
   const Eigen::Vector3f centre =
       camera.rotation * Eigen::Vector3f(surfels.x[id], surfels.y[id], surfels.z[id]) +
       camera.translation;

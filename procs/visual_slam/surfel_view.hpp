@@ -16,6 +16,7 @@ struct SplatOptions {
   // Discs that a ray meets within this fraction of depth behind the nearest are one surface.
   double surface_thickness = 0.05;
   std::int64_t active_since = INT64_MIN;  // utime; surfels last updated before are not drawn
+  std::int64_t known_before = INT64_MAX;  // utime; surfels made then or later are not drawn
 };
 
 // Draws the surfels whose ids are in `groups` as view.grid sees them from view.map_T_camera, and

@@ -5,6 +5,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <utility>
 
@@ -95,6 +96,21 @@ void scale_depth(Plane<float>& depth, double scale) {
   for (float& value : depth.values) value *= static_cast<float>(scale);
 }
 
+MapDeformerOptions deformer_options(const VisualSlamOptions& options) {
+  MapDeformerOptions chosen = options.deformer;
+  chosen.working_distance = options.map.working_distance;
+  chosen.time_reach = options.map.active_window;
+  return chosen;
+}
+
+// The motion as it is seen from a frame that the similarity leads to.
+SE3 seen_from(const Similarity& similarity, const SE3& motion) {
+  const Eigen::Quaterniond back = similarity.rotation.conjugate();
+  const Eigen::Vector3d origin = back * (-similarity.translation) / similarity.scale;
+  return {(similarity.rotation * motion.rotation * back).normalized(),
+          similarity * (motion * origin)};
+}
+
 VisualSlamOptions checked(const VisualSlamOptions& options) {
   if (!(options.keyframe_shift > 0) || !(options.keyframe_turn > 0) ||
       options.refinement_frames < 1 || options.candidates < 0) {
@@ -106,12 +122,17 @@ VisualSlamOptions checked(const VisualSlamOptions& options) {
 }  // namespace
 
 VisualSlam::VisualSlam(const VisualSlamOptions& options)
-    : options_(checked(options)), map_(options.map), rebase_below_(options.rebase_rotation_std) {}
+    : options_(checked(options)),
+      map_(options.map),
+      rebase_below_(options.rebase_rotation_std),
+      deformer_(deformer_options(options)) {}
 
 VisualSlam::VisualSlam(const VisualSlamOptions& options, KeptMap kept)
     : options_(checked(options)),
       map_(options.map, std::move(kept.surfels)),
-      kept_viewpoints_(std::move(kept.viewpoints)) {
+      kept_viewpoints_(std::move(kept.viewpoints)),
+      deformer_(deformer_options(options)) {
+  deformer_.restart(map_.surfels());
   is_lost_ = map_.size() > 0;
   is_in_rig_frame_ = is_lost_ && kept.depth_scale > 0;
   is_settled_ = is_in_rig_frame_;
@@ -129,6 +150,7 @@ SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health) {
         frame.grid.width, frame.grid.height, frame.grid.fx, grid_.width, grid_.height, grid_.fx));
   }
   use_refinement();
+  use_bend();
   frame_ = frame;
   if (depth_scale_ != 1) scale_depth(frame_.depth, depth_scale_);
   is_sharp_ = !is_blurred(health.sharpness);
@@ -185,6 +207,7 @@ TrackingResult VisualSlam::attempt(const Frame& frame, const SE3& start) {
 
 SlamPose VisualSlam::lost(std::int64_t utime, const PictureHealth& health) {
   use_refinement();
+  use_bend();
   pose_ = {};
   pose_.utime = utime;
   pose_.map_version = map_version_;
@@ -200,18 +223,19 @@ void VisualSlam::merge(const std::optional<FusedState>& fused) {
   if (pose_.status == SlamStatus::kLost) return;
   if (fused) use(*fused);
   const bool begins_again = std::exchange(begins_again_, false);
-  if (begins_again) map_.give_way(frame_, pose_.map_T_camera);
+  if (begins_again) map_.give_way(frame_, map_T_vision_ * pose_.map_T_camera);
   const bool is_first = map_.size() == 0 || begins_again;
   const bool is_keyframe = is_first || is_far_from_keyframe();
   const bool is_certain = frame_.relative_std <= options_.certain_depth;
   // A blurred picture is tracked, but has nothing to tell the map.
   if (!is_sharp_ && !is_first) return;
   if (is_keyframe && !newest_) {
-    relocaliser_->add(frame_, pose_.map_T_camera);
+    relocaliser_->add(frame_, map_T_vision_ * pose_.map_T_camera);
     has_begun_ = true;
     if (is_certain || !is_held_) {
       // The window takes its keyframes' motions for well tracked.
       anchor(pose_.map_T_camera, pose_.covariance);
+      look_for_loop();
     } else {
       refine(frame_, pose_.map_T_camera);
     }
@@ -219,7 +243,7 @@ void VisualSlam::merge(const std::optional<FusedState>& fused) {
   const double since_merge = static_cast<double>(frame_.utime - merged_utime_) * kMicrosecond;
   if (is_certain || is_first || (!newest_ && since_merge > options_.longest_gap)) {
     scale_depth(frame_.depth, std::pow(pose_.depth_scale, 1 - options_.own_scale));
-    merge_as_is(frame_, pose_.map_T_camera);
+    merge_as_is(frame_, map_T_vision_ * pose_.map_T_camera);
   }
 }
 
@@ -260,7 +284,15 @@ void VisualSlam::rebase(const Similarity& rig_S_map) {
   if (!is_settled_ || !model_) {
     map_.transform(rig_S_map);
     relocaliser_->transform(rig_S_map);
+    deformer_.transform(rig_S_map);
+    bending_ = {};  // of a map that was elsewhere
+    map_T_vision_ = seen_from(rig_S_map, map_T_vision_);
     ++map_frame_;
+  } else {
+    // A map that bends keeps the camera where it is in it, until its pins have it elsewhere.
+    const SE3 map_T_camera = map_T_vision_ * pose_.map_T_camera;
+    map_T_vision_ =
+        options_.deform ? map_T_camera * (rig_S_map * pose_.map_T_camera).inverse() : SE3{};
   }
   window_->transform(rig_S_map);
   for (SE3* pose : {&pose_.map_T_camera, &*map_T_camera_, &reference_, &anchor_}) {
@@ -280,6 +312,7 @@ void VisualSlam::rebase(const Similarity& rig_S_map) {
   if (aside_) {
     map_.add(aside_->surfels);
     relocaliser_->add(aside_->relocaliser);
+    deformer_.join(std::move(aside_->deformer));
     aside_.reset();
   }
   is_in_rig_frame_ = true;
@@ -336,6 +369,7 @@ bool VisualSlam::begin_again() {
   pose_.inlier_fraction = 1;
   is_held_ = true;
   forget_thread();
+  map_T_vision_ = {};
   anchor(pose, pose_.covariance);
   // Old surfels must not pull the next frames to where they were.
   if (frame_.relative_std > options_.certain_depth) {
@@ -350,12 +384,14 @@ bool VisualSlam::begin_again() {
 
 // What was begun since the last time is in no known frame, and small: it is forgotten.
 void VisualSlam::set_map_aside() {
-  if (is_in_rig_frame_) aside_ = Aside{map_.surfels(), *relocaliser_};
+  forget_thread();
+  if (is_in_rig_frame_) aside_ = Aside{map_.surfels(), *relocaliser_, deformer_};
   map_ = SurfelMap(options_.map);
   relocaliser_.emplace(grid_, options_.relocaliser);
   is_in_rig_frame_ = false;
   is_settled_ = false;
   rebase_below_ = options_.rebase_rotation_std / 2;
+  deformer_ = MapDeformer(deformer_options(options_));
   ++map_frame_;
 }
 
@@ -373,6 +409,7 @@ void VisualSlam::prepare(const PinholeGrid& grid) {
     map_.predict(viewpoint, grid, 0, MapPart::kAll, view_);
     relocaliser_->add(frame_of(view_), viewpoint);
   }
+  loop_search_.emplace(grid, options_.tracker, options_.loops);
   tracker_ = std::move(tracker);
   grid_ = grid;
 }
@@ -428,11 +465,14 @@ TrackingResult VisualSlam::track_near(const Frame& frame, const SE3& start) {
   return track_from(frame, start);
 }
 
-// The map is rigid: what was seen long ago is as good as what was seen just now, and seen again it
-// must not be built once more.
+// What was seen long ago is as good as what was seen just now, and seen again it must not be built
+// once more.
 TrackingResult VisualSlam::track_from(const Frame& frame, const SE3& start) {
-  map_.predict(start, frame.grid, frame.utime, MapPart::kAll, view_);
-  return tracker_->track(frame, view_, start);
+  const SE3 map_T_camera = map_T_vision_ * start;
+  map_.predict(map_T_camera, frame.grid, frame.utime, MapPart::kAll, view_);
+  TrackingResult result = tracker_->track(frame, view_, map_T_camera);
+  result.map_T_camera = map_T_vision_.inverse() * result.map_T_camera;
+  return result;
 }
 
 // Seen from where it says to be, the map must lead to the same place again.
@@ -447,7 +487,7 @@ bool VisualSlam::confirmed(const Frame& frame, const TrackingResult& result) {
 
 std::optional<TrackingResult> VisualSlam::relocalise(const Frame& frame) {
   for (const SE3& candidate : relocaliser_->candidates(frame, options_.candidates)) {
-    TrackingResult result = track_from(frame, candidate);
+    TrackingResult result = track_from(frame, map_T_vision_.inverse() * candidate);
     if (confirmed(frame, result)) return result;
   }
   return std::nullopt;
@@ -501,6 +541,8 @@ void VisualSlam::forget_thread() {
   refining_ = {};
   newest_.reset();
   model_.reset();
+  bending_ = {};
+  agreed_utime_.reset();
 }
 
 bool VisualSlam::is_blurred(double sharpness) {
@@ -526,32 +568,131 @@ void VisualSlam::anchor(const SE3& map_T_camera, const Matrix6d& covariance) {
   window_->clear();
 }
 
-void VisualSlam::refine(const Frame& frame, const SE3& map_T_camera) {
-  window_->add(frame, map_T_camera);
-  newest_ = Keyframe{frame, map_T_camera};
-  reference_ = map_T_camera;
+void VisualSlam::refine(const Frame& frame, const SE3& vision_T_camera) {
+  window_->add(frame, vision_T_camera);
+  newest_ = Keyframe{frame, vision_T_camera, pin()};
+  reference_ = vision_T_camera;
   frames_since_keyframe_ = 0;
-  refining_ = std::async(std::launch::async, [window = window_.get()] { return window->refine(); });
+  // Nothing is merged meanwhile.
+  refining_ = std::async(std::launch::async, [this, &keyframe = *newest_, gate = gate()] {
+    Refinement refinement{window_->refine(), std::nullopt};
+    if (options_.deform && refinement.window.size() > 1) {
+      const RefinedKeyframe& refined = refinement.window.back();
+      Frame seen = keyframe.frame;
+      seen.depth = refined.depth;
+      seen.relative_std = refined.relative_std;
+      refinement.match =
+          loop_search_->look(seen, map_T_vision_ * refined.map_T_camera, map_, *relocaliser_, gate);
+    }
+    return refinement;
+  });
+}
+
+// Of a keyframe that needs no refinement.
+void VisualSlam::look_for_loop() {
+  if (!options_.deform || map_.size() == 0 || !is_held_) return;
+  const SE3 map_T_camera = map_T_vision_ * pose_.map_T_camera;
+  learn({frame_, pose_.map_T_camera, pin()},
+        loop_search_->look(frame_, map_T_camera, map_, *relocaliser_, gate()));
+}
+
+// Where fusion has the camera, if the map is in place and that is well known.
+std::optional<KeyframePin> VisualSlam::pin() const {
+  if (!fused_ || fused_->utime != pose_.utime || !is_settled_ || !fused_->is_nominal ||
+      !is_trusted(*fused_, options_.restart_position_std, options_.restart_rotation_std)) {
+    return std::nullopt;
+  }
+  return KeyframePin{fused_->rig_T_camera, fused_->covariance};
+}
+
+std::optional<PlaceGate> VisualSlam::gate() const {
+  const std::optional<KeyframePin> pinned = pin();
+  if (!pinned) return std::nullopt;
+  constexpr double kSigmas = 3;
+  return PlaceGate{pinned->map_T_camera.translation,
+                   kSigmas * worst_std(pinned->covariance.topLeftCorner<3, 3>()) +
+                       options_.loop_gate * options_.map.working_distance};
 }
 
 // The frames since the keyframe were tracked in relation to where it was thought to be: they move
 // with it.
 void VisualSlam::use_refinement() {
   if (!newest_ || ++frames_since_keyframe_ < options_.refinement_frames) return;
-  Keyframe keyframe = std::move(*newest_);
-  newest_.reset();
-  const std::vector<RefinedKeyframe> window = refining_.get();
-  const RefinedKeyframe& refined = window.back();
-  map_T_camera_ = refined.map_T_camera * (keyframe.map_T_camera.inverse() * *map_T_camera_);
+  const Refinement refinement = refining_.get();
+  Keyframe keyframe = *std::exchange(newest_, std::nullopt);
+  const RefinedKeyframe& refined = refinement.window.back();
+  map_T_camera_ = refined.map_T_camera * (keyframe.vision_T_camera.inverse() * *map_T_camera_);
   reference_ = refined.map_T_camera;
   drift_ = transported(anchor_covariance_, anchor_, reference_) + refined.covariance;
   // The first one has no other to hold it yet, and was merged as it is.
-  const bool is_first = window.size() == 1;
+  const bool is_first = refinement.window.size() == 1;
   refined_points_ = is_first ? options_.window.points : refined.points;
   keyframe.frame.depth = refined.depth;
   keyframe.frame.relative_std = refined.relative_std;
-  if (!is_first) merge_as_is(keyframe.frame, refined.map_T_camera);
+  keyframe.vision_T_camera = refined.map_T_camera;
+  learn(keyframe, refinement.match);
+  if (!is_first) merge_as_is(keyframe.frame, map_T_vision_ * refined.map_T_camera);
   model_ = model_of(keyframe.frame, refined.map_T_camera);
+}
+
+// Where a keyframe is in the map, and where the map should be by what it shows.
+void VisualSlam::learn(const Keyframe& keyframe, const std::optional<LoopMatch>& match) {
+  if (!options_.deform) return;
+  if (match && !match->refusal.empty()) refusals_.push_back(match->refusal);
+  const bool agrees = match && match->is_accepted() && agree(keyframe, *match);
+  const bool has_wall_moved = match && !match->wall.empty();
+  const bool has_it_before = std::exchange(has_wall_moved_, has_wall_moved);
+  const SE3 map_T_camera = map_T_vision_ * keyframe.vision_T_camera;
+  deformer_.add(keyframe.frame, map_T_camera, agrees && !has_wall_moved, keyframe.pin);
+  if (bending_.valid()) return;
+  if (has_wall_moved && has_it_before) {
+    begin_bend(deformer_.follow_wall(map_T_camera, *match, map_.surfels()));
+  } else if (deformer_.is_off_pins()) {
+    begin_bend(deformer_.bend_to_pins());
+  }
+}
+
+// Whether what the keyframe saw is the old map's surface, in its place. Where it is not in its
+// place, a loop is to be closed; unless the two have agreed until now: then vision goes with the
+// map.
+bool VisualSlam::agree(const Keyframe& keyframe, const LoopMatch& match) {
+  const SE3 map_T_camera = map_T_vision_ * keyframe.vision_T_camera;
+  const double since =
+      agreed_utime_ ? static_cast<double>(keyframe.frame.utime - *agreed_utime_) * kMicrosecond
+                    : std::numeric_limits<double>::infinity();
+  if (deformer_.is_displaced(map_T_camera, match)) {
+    if (since > options_.map.active_window) {
+      if (!bending_.valid()) {
+        begin_bend(deformer_.close_loop(map_T_camera, match, map_.surfels()));
+      }
+      return false;
+    }
+    map_T_vision_ = match.map_T_camera * keyframe.vision_T_camera.inverse();
+  }
+  agreed_utime_ = keyframe.frame.utime;
+  ++agreements_;
+  return true;
+}
+
+void VisualSlam::begin_bend(DeformationTask task) {
+  frames_since_bend_ = 0;
+  bending_ = std::async(std::launch::async,
+                        [task = std::move(task), options = options_.deformer.solver]() mutable {
+                          return solve(std::move(task), options);
+                        });
+}
+
+// Not while a keyframe is being refined: that one is thought to be where the map was.
+void VisualSlam::use_bend() {
+  if (!bending_.valid() || ++frames_since_bend_ < options_.bending_frames || newest_) return;
+  MapDeformation bend = bending_.get();
+  if (bend.report.is_accepted()) {
+    map_.deform(bend.graph);
+    relocaliser_->deform(bend.graph);
+    map_T_vision_ = deformer_.follow(bend) * map_T_vision_;
+    if (!fused_) go_with_map();
+  }
+  deformations_.push_back(std::move(bend));
 }
 
 void VisualSlam::settle() {
@@ -560,9 +701,21 @@ void VisualSlam::settle() {
 }
 
 void VisualSlam::merge_as_is(const Frame& frame, const SE3& map_T_camera) {
+  if (refining_.valid()) refining_.wait();  // it reads the map
   map_.predict(map_T_camera, frame.grid, frame.utime, MapPart::kAll, view_);
   map_.fuse(frame, view_);
   merged_utime_ = std::max(merged_utime_, frame.utime);
+}
+
+// Where no fusion makes up for vision's drift, what the map knows better counts.
+void VisualSlam::go_with_map() {
+  const Similarity map_S_vision{1, map_T_vision_.rotation, map_T_vision_.translation};
+  window_->transform(map_S_vision);
+  for (SE3* pose : {&reference_, &anchor_}) *pose = map_T_vision_ * *pose;
+  if (map_T_camera_) *map_T_camera_ = map_T_vision_ * *map_T_camera_;
+  if (model_) model_->map_T_camera = map_T_vision_ * model_->map_T_camera;
+  map_T_vision_ = {};
+  ++map_version_;
 }
 
 }  // namespace gastronaut::slam

@@ -12,6 +12,11 @@
 // was lost for long, it begins again where fusion has the camera. Where fusion does not know that
 // well enough (a magnet does not tell its roll), a new map is begun, and joined with the one before
 // as soon as the new one goes to the rig's frame.
+//
+// The map bends (map_deformer.hpp): to where fusion has the cameras that saw it, onto itself where
+// the camera comes back to it, and after a wall that has moved. Vision goes on as it did; where its
+// frame lies in the map is what changes, so that no pose jumps, and fusion, which has the magnet
+// against vision's drift, does not hear of it. Without fusion poses go with the map.
 #pragma once
 
 #include <cstdint>
@@ -19,12 +24,15 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "geometry/se3.hpp"
 #include "visual_slam/frame.hpp"
 #include "visual_slam/frame_tracker.hpp"
 #include "visual_slam/keyframe_window.hpp"
+#include "visual_slam/loop_search.hpp"
+#include "visual_slam/map_deformer.hpp"
 #include "visual_slam/relocaliser.hpp"
 #include "visual_slam/similarity.hpp"
 #include "visual_slam/surfel_file.hpp"
@@ -44,6 +52,8 @@ struct VisualSlamOptions {
   SurfelMapOptions map;
   KeyframeWindowOptions window;
   RelocaliserOptions relocaliser;
+  LoopSearchOptions loops;
+  MapDeformerOptions deformer;  // its lengths go with map.working_distance
 
   double least_depth = 0.2;      // of a picture within the map's reach: less begins no map
   double certain_depth = 0.01;   // frames of at most this relative_std are merged as they are
@@ -77,6 +87,12 @@ struct VisualSlamOptions {
   double restart_rotation_std = 0.1;
   double restart_after = 0.25;
   double new_map_after = 0.7;  // the same, where fused poses are not trusted: a new map begins
+
+  bool deform = true;       // the map bends as its deformation graph says; else it is rigid
+  int bending_frames = 10;  // from when a bend is worked out to when it is applied
+  // A loop closes no farther from the fused position than three of its sigmas and this, in working
+  // distances.
+  double loop_gate = 0.1;
 };
 
 // What sensor fusion says of a frame.
@@ -131,6 +147,12 @@ class VisualSlam {
 
   const SurfelMap& map() const { return map_; }
   MapIncrement take_increment() { return map_.take_increment(); }
+  // What has bent the map since the last time, and what was refused.
+  std::vector<MapDeformation> take_deformations() { return std::exchange(deformations_, {}); }
+  // Keyframes that were found to lie on what was mapped long ago.
+  std::int64_t agreements() const { return agreements_; }
+  // Why loops were not closed, since the last time.
+  std::vector<std::string> take_refusals() { return std::exchange(refusals_, {}); }
   int map_version() const { return map_version_; }
   bool is_in_rig_frame() const { return is_in_rig_frame_; }
   // Another number: the surfels are in another frame, or others, and their ids mean nothing.
@@ -142,7 +164,12 @@ class VisualSlam {
  private:
   struct Keyframe {
     Frame frame;
-    SE3 map_T_camera;
+    SE3 vision_T_camera;
+    std::optional<KeyframePin> pin;
+  };
+  struct Refinement {
+    std::vector<RefinedKeyframe> window;
+    std::optional<LoopMatch> match;  // of the newest
   };
 
   void prepare(const PinholeGrid& grid);
@@ -165,7 +192,15 @@ class VisualSlam {
   void forget_thread();
   bool is_blurred(double sharpness);
   bool is_far_from_keyframe() const;
-  void refine(const Frame& frame, const SE3& map_T_camera);
+  void refine(const Frame& frame, const SE3& vision_T_camera);
+  std::optional<KeyframePin> pin() const;
+  std::optional<PlaceGate> gate() const;
+  void look_for_loop();
+  void learn(const Keyframe& keyframe, const std::optional<LoopMatch>& match);
+  bool agree(const Keyframe& keyframe, const LoopMatch& match);
+  void begin_bend(DeformationTask task);
+  void use_bend();
+  void go_with_map();
   void anchor(const SE3& map_T_camera, const Matrix6d& covariance);
   void merge_as_is(const Frame& frame, const SE3& map_T_camera);
 
@@ -205,6 +240,7 @@ class VisualSlam {
   struct Aside {
     SurfelArrays surfels;
     Relocaliser relocaliser;
+    MapDeformer deformer;
   };
   std::optional<Aside> aside_;  // in the rig's frame, while the present map is not
 
@@ -218,7 +254,20 @@ class VisualSlam {
   std::optional<ModelView> model_;  // the newest refined keyframe as it saw
   int refined_points_ = 0;          // that hold it
   int frames_since_keyframe_ = 0;
-  std::future<std::vector<RefinedKeyframe>> refining_;  // after window_: is waited for first
+
+  // Vision goes on by itself; where it is in the map changes when the map bends.
+  SE3 map_T_vision_;
+  MapDeformer deformer_;
+  std::optional<LoopSearch> loop_search_;     // since the first frame
+  std::optional<std::int64_t> agreed_utime_;  // when what was seen last agreed with the old map
+  bool has_wall_moved_ = false;               // as the keyframe before showed it
+  std::int64_t agreements_ = 0;
+  int frames_since_bend_ = 0;
+  std::vector<MapDeformation> deformations_;
+  std::vector<std::string> refusals_;
+  // After all that they read: they are waited for first.
+  std::future<MapDeformation> bending_;
+  std::future<Refinement> refining_;
 };
 
 }  // namespace gastronaut::slam

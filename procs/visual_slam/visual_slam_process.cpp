@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "gastronaut/map_deformation_t.hpp"
 #include "gastronaut/map_surfels_t.hpp"
 #include "gastronaut/visual_pose_t.hpp"
 #include "pictures/depth_counts.hpp"
@@ -120,6 +121,7 @@ slam::VisualSlamOptions options_of(const RigConfiguration& configuration) {
   options.tracker.rgb_weight = chosen.rgb_weight;
   options.map.working_distance = chosen.working_distance;
   options.map.stable_confidence = chosen.stable_confidence;
+  options.deform = chosen.deformation;
   return options;
 }
 
@@ -152,6 +154,28 @@ void add_surfel(const slam::SurfelArrays& surfels, std::int32_t id, map_surfels_
   message.blue.push_back(grey);
   message.radius.push_back(surfels.radius[k]);
   message.confidence.push_back(surfels.confidence[k]);
+}
+
+map_deformation_t message_of(const slam::MapDeformation& bend, int map_version) {
+  map_deformation_t message{};
+  message.utime = bend.utime;
+  message.map_version = map_version;
+  message.kind = static_cast<std::int8_t>(bend.kind);
+  const std::vector<slam::DeformationNode>& nodes = bend.graph.nodes();
+  message.num_nodes = static_cast<std::int32_t>(nodes.size());
+  for (const slam::DeformationNode& node : nodes) {
+    const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> affine = node.affine;
+    const auto values = [](const auto& matrix) {
+      return std::vector<double>(matrix.data(), matrix.data() + matrix.size());
+    };
+    message.position.push_back(values(node.position));
+    message.affine.push_back(values(affine));
+    message.translation.push_back(values(node.translation));
+  }
+  message.num_constraints = bend.constraints;
+  message.mean_constraint_error_before = bend.report.mean_error_before;
+  message.mean_constraint_error_after = bend.report.mean_error_after;
+  return message;
 }
 
 }  // namespace
@@ -239,6 +263,7 @@ void VisualSlamProcess::merge_alone() {
 void VisualSlamProcess::merge(const std::optional<slam::FusedState>& fused) {
   const std::int64_t utime = *std::exchange(unmerged_, std::nullopt);
   slam_.merge(fused);
+  publish_deformations();
   if (utime >= map_due_) {
     publish_map(utime, kMostSurfels);
     map_due_ = utime + std::llround(configuration_.visual_slam.map_interval * kMicroseconds);
@@ -303,6 +328,32 @@ void VisualSlamProcess::publish_map(std::int64_t utime, std::size_t most) {
   bus_.publish(channel::kMapSurfels, message);
 }
 
+void VisualSlamProcess::publish_deformations() {
+  for (const std::string& refusal : slam_.take_refusals()) {
+    ++refused_loops_;
+    spdlog::debug("no loop is closed here: {}", refusal);
+  }
+  for (const slam::MapDeformation& bend : slam_.take_deformations()) {
+    constexpr const char* kKinds[] = {"vision's drift from the fused pose", "a loop",
+                                      "a loop found by its looks"};
+    const auto kind = static_cast<std::size_t>(bend.kind);
+    const char* cause = bend.is_wall ? "a wall that moved" : kKinds[kind];
+    if (!bend.report.is_accepted()) {
+      spdlog::debug("{}: the map does not bend for {}: {}", bend.utime, cause, bend.report.refusal);
+      continue;
+    }
+    spdlog::debug(
+        "{}: the map bends for {}: {} nodes, {} constraints, off by {:.3g} mm, then {:.3g}",
+        bend.utime, cause, bend.graph.nodes().size(), bend.constraints,
+        1e3 * bend.report.mean_error_before, 1e3 * bend.report.mean_error_after);
+    ++bends_[kind];
+    last_bend_ =
+        fmt::format("the last by {:.2g} mm, {:.2g} mm are left",
+                    1e3 * bend.report.mean_error_before, 1e3 * bend.report.mean_error_after);
+    bus_.publish(channel::kMapDeformation, message_of(bend, slam_.map_version()));
+  }
+}
+
 void VisualSlamProcess::report(const slam::SlamPose& pose) {
   ++frames_;
   if (pose.status == slam::SlamStatus::kLost) ++lost_;
@@ -317,6 +368,15 @@ void VisualSlamProcess::report(const slam::SlamPose& pose) {
     add(fmt::format("{} of {} frames lost, last cause: {}", lost_, frames_, last_cause_));
   }
   if (restarts_ > 0) add(fmt::format("began again by what fusion knows {} times", restarts_));
+  if (slam_.agreements() + refused_loops_ > 0) {
+    add(fmt::format("{} keyframes lie on what was mapped long ago, {} do not fit it",
+                    slam_.agreements(), refused_loops_));
+  }
+  if (!last_bend_.empty()) {
+    add(fmt::format("the map bent {} times, {} loops closed, {} of them found by their looks; {}",
+                    bends_[0] + bends_[1] + bends_[2], bends_[1] + bends_[2], bends_[2],
+                    last_bend_));
+  }
   if (!fusion_problem_.empty()) add(fusion_problem_);
   if (!files_.map.empty() && !keeper_.problem().empty()) {
     add("the map is not kept: " + keeper_.problem());
@@ -357,7 +417,8 @@ ProcessDescription visual_slam_process() {
           "Tracks the camera against its own dense map, and builds that map.",
           channel::kDepth,
           [](const RigConfiguration&) {
-            return std::vector<std::string>{channel::kVisualPose, channel::kMapSurfels};
+            return std::vector<std::string>{channel::kVisualPose, channel::kMapSurfels,
+                                            channel::kMapDeformation};
           },
           [files](Bus& bus, const RigConfiguration& configuration) {
             return std::make_unique<VisualSlamProcess>(bus, configuration, *files);

@@ -1,16 +1,20 @@
 // The process visual_slam: DEPTH and ALBEDO in; VISUAL_POSE for each of them out, MAP_SURFELS a few
-// times a second; and CAPSULE_STATE, sensor_fusion's answer to each VISUAL_POSE.
+// times a second, MAP_DEFORMATION whenever the map has bent; and CAPSULE_STATE, sensor_fusion's
+// answer to each VISUAL_POSE.
 //
 // A frame is tracked, its VISUAL_POSE published, and merged once the CAPSULE_STATE of its utime has
 // come; no other event is handled before. Where that stays away, the frame is merged without.
 // VISUAL_POSE is vision's own, in the map's frame; its map_version says when that frame became the
-// rig's, or tracking began again where fusion has the camera. MAP_SURFELS then begins anew.
+// rig's, or tracking began again where fusion has the camera. MAP_SURFELS then begins anew. When
+// the map bends, vision's frame stays, so that MAP_DEFORMATION carries the version that holds
+// already; unless there is no fusion: then vision goes with the map, to a new version.
 //
 // A frame is a DEPTH and an ALBEDO of one utime; where one of the two is missing, or the picture
 // could not be used, VISUAL_POSE says LOST. The first MAP_SURFELS has `reset` set; colours are the
 // albedo's grey. When a log ends, or the process, what was not yet published of the map follows.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <string>
@@ -50,6 +54,7 @@ class VisualSlamProcess : public Process {
   void publish_lost(std::int64_t utime, const std::string& kind, const std::string& message);
   void publish(const slam::SlamPose& pose);
   void publish_map(std::int64_t utime, std::size_t most);
+  void publish_deformations();
   void report(const slam::SlamPose& pose);
 
   Bus& bus_;
@@ -71,6 +76,9 @@ class VisualSlamProcess : public Process {
   std::string last_cause_;
   std::int64_t restarts_ = 0;  // at a fused pose
   std::string fusion_problem_;
+  std::array<std::int64_t, 3> bends_{};  // of the map, by kind
+  std::int64_t refused_loops_ = 0;
+  std::string last_bend_;
 };
 
 ProcessDescription visual_slam_process();

@@ -20,6 +20,7 @@
 
 #include "bus/memory_bus.hpp"
 #include "gastronaut/capsule_state_t.hpp"
+#include "gastronaut/map_deformation_t.hpp"
 #include "gastronaut/map_surfels_t.hpp"
 #include "gastronaut/visual_pose_t.hpp"
 #include "numerics/parallel.hpp"
@@ -39,6 +40,7 @@ constexpr int kOk = visual_pose_t::STATUS_OK;
 constexpr int kDegraded = visual_pose_t::STATUS_DEGRADED;
 constexpr int kLost = visual_pose_t::STATUS_LOST;
 constexpr int kRelocalised = visual_pose_t::STATUS_RELOCALISED;
+constexpr int kFrameBend = map_deformation_t::KIND_FRAME;
 constexpr double kRelativeStd = 0.002;  // a sensor's
 constexpr double kMetresPerCount = 2e-6;
 
@@ -138,6 +140,9 @@ class Rig {
           outputs.emplace_back(payload.begin(), payload.end());
           if (channel == channel::kVisualPose) take_pose(payload);
           if (channel == channel::kMapSurfels) take_map(payload);
+          if (channel == channel::kMapDeformation) {
+            EXPECT_EQ(decode_message(payload, deformations.emplace_back()), DecodeResult::kOk);
+          }
         }),
         bus(network_.connect()),
         process_(std::make_unique<VisualSlamProcess>(bus, rig(), files)) {
@@ -224,7 +229,8 @@ class Rig {
   int maps = 0;
   int resets = 0;
   int map_version = 0;
-  Surfels surfels;               // as a listener has them
+  Surfels surfels;  // as a listener has them
+  std::vector<map_deformation_t> deformations;
   std::vector<Message> outputs;  // of visual_slam
   std::vector<std::pair<std::string, Message>> log;
 
@@ -631,6 +637,37 @@ TEST_F(VisualSlamProcessTest, FusionTakesPosesAndMapToTheRig) {
     EXPECT_EQ(rig.bus.describe_health(), "");
     expect_listener_has(rig, slam::load_map(files.map).surfels);
   }
+}
+
+TEST_F(VisualSlamProcessTest, BendsOfTheMapAreTold) {
+  constexpr int kUntilThen = 20;  // frames; then fusion has the camera a millimetre further on
+  constexpr double kDrift = 1e-3;
+  const Eigen::Vector3d drift = kRigTScene.rotation * Eigen::Vector3d(0, 0, kDrift);
+  const MapFiles files = map_file();
+  Rig rig(files, [&drift](const visual_pose_t& pose) {
+    capsule_state_t state = answer_to(pose);
+    for (int i = 0; number_of(pose.utime) >= kUntilThen && i < 3; ++i) {
+      state.position[i] += drift[i];
+    }
+    return std::optional(state);
+  });
+  for (int k = 0; k < 110; ++k) rig.see(pictures_at(k, 0.03));
+  ASSERT_FALSE(rig.deformations.empty());
+  const map_deformation_t& bend = rig.deformations.front();
+  EXPECT_EQ(bend.kind, kFrameBend);
+  EXPECT_EQ(bend.map_version, rig.poses.back().map_version);
+  ASSERT_GT(bend.num_nodes, 0);
+  EXPECT_GT(bend.num_constraints, 0);
+  EXPECT_LT(bend.mean_constraint_error_after, bend.mean_constraint_error_before / 2);
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const std::vector<double>& translation : bend.translation) {
+    mean += Eigen::Vector3d(translation.data()) / bend.num_nodes;
+  }
+  constexpr double kPart = 0.5;  // some nodes had their cameras in place before
+  EXPECT_GT(mean.dot(drift.normalized()), kPart * kDrift);
+  EXPECT_THAT(rig.bus.describe_health(), HasSubstr("the map bent"));
+  rig.finish();
+  expect_listener_has(rig, slam::load_map(files.map).surfels);
 }
 
 TEST_F(VisualSlamProcessTest, ImpossibleStatesAreIgnoredAndSaid) {

@@ -621,6 +621,88 @@ TEST(VisualSlam, SettledMapStaysWhenVisionIsSetAnew) {
   expect_at(pose, drift * kRigTScene * camera_at(k), kUncertain);
 }
 
+// The camera's way with fusion that has it, from a moment on, farther along the view than vision.
+struct BentRun {
+  std::vector<SlamPose> poses;
+  std::vector<MapDeformation> bends;
+  SurfelArrays surfels;
+  // Metres, median over the surfels, by which they are behind the wall.
+  double behind_wall = 0;
+};
+BentRun drift_from_fusion(double drift, bool deform, int threads = 0) {
+  constexpr int kUntilThen = 20;  // frames
+  set_thread_count(threads);
+  VisualSlamOptions chosen = options();
+  chosen.deform = deform;
+  FusedSession run(kUncertain, chosen);
+  BentRun result;
+  for (int k = 0; k < 120; ++k) {
+    FusedState fused = fused_at(k);
+    if (k >= kUntilThen) {
+      fused.rig_T_camera.translation += kRigTScene.rotation * Eigen::Vector3d(0, 0, drift);
+    }
+    result.poses.push_back(run.see(shrunk(frame_at(camera_at(k), k, kUncertain)), {}, fused));
+    for (MapDeformation& bend : run.slam.take_deformations()) {
+      if (bend.report.is_accepted()) result.bends.push_back(std::move(bend));
+    }
+  }
+  set_thread_count(0);
+  result.surfels = run.slam.map().surfels();
+  std::vector<double> behind;
+  for (const std::size_t id : result.surfels.at_least(3)) {
+    const Eigen::Vector3f position(result.surfels.x[id], result.surfels.y[id],
+                                   result.surfels.z[id]);
+    const Eigen::Vector3d point = kRigTScene.inverse() * position.cast<double>();
+    behind.push_back(point.z() - wall_height(point.x(), point.y()));
+  }
+  std::nth_element(behind.begin(), behind.begin() + static_cast<std::ptrdiff_t>(behind.size() / 2),
+                   behind.end());
+  result.behind_wall = behind[behind.size() / 2];
+  return result;
+}
+
+TEST(VisualSlam, MapBendsToWhereFusionHasItsCamerasAndNoPoseJumps) {
+  constexpr double kDrift = 1e-3;  // metres: far more than what fusion's sigma of 0.1 mm allows
+  const BentRun rigid = drift_from_fusion(kDrift, false);
+  const BentRun bent = drift_from_fusion(kDrift, true);
+  EXPECT_TRUE(rigid.bends.empty());
+  ASSERT_FALSE(bent.bends.empty());
+  for (const MapDeformation& bend : bent.bends) {
+    EXPECT_EQ(bend.kind, DeformationKind::kFrame);
+    EXPECT_LT(bend.report.mean_error_after, bend.report.mean_error_before / 2);
+  }
+  // A bend may leave what does not count: a hundredth of the distance.
+  constexpr double kLeft = 0.01 * kWallDistance;
+  EXPECT_NEAR(bent.behind_wall - rigid.behind_wall, kDrift, kLeft);
+  ASSERT_EQ(bent.poses.size(), rigid.poses.size());
+  for (std::size_t k = 0; k < bent.poses.size(); ++k) {
+    EXPECT_EQ(bent.poses[k].map_version, rigid.poses[k].map_version);
+    EXPECT_EQ(bent.poses[k].map_T_camera.matrix(), rigid.poses[k].map_T_camera.matrix()) << k;
+  }
+}
+
+TEST(VisualSlam, FusionThatAgreesBendsNothing) {
+  EXPECT_TRUE(drift_from_fusion(0, true).bends.empty());
+}
+
+TEST(VisualSlam, BendsAreTheSameBytesHoweverManyThreads) {
+  const BentRun one = drift_from_fusion(1e-3, true, 1);
+  const BentRun two = drift_from_fusion(1e-3, true, 2);
+  ASSERT_FALSE(one.bends.empty());
+  EXPECT_EQ(one.bends.size(), two.bends.size());
+  EXPECT_TRUE(one.surfels == two.surfels);
+}
+
+TEST_P(VisualSlamOnDepth, WhatWasMappedLongAgoIsFoundToAgree) {
+  VisualSlamOptions chosen = options();
+  chosen.map.active_window = 1.5;  // seconds; the camera is back after 4.5
+  Session run(GetParam(), chosen);
+  run.follow(0, 20);
+  EXPECT_EQ(run.slam.agreements(), 0);
+  run.follow(20, 110);
+  EXPECT_GT(run.slam.agreements(), 0);
+}
+
 TEST_P(VisualSlamOnDepth, LostCameraIsFoundAtTheFusedPose) {
   FusedSession run(GetParam());
   run.follow_fused(0, 60);
