@@ -98,6 +98,25 @@ void DepthEstimatorConfiguration::check() const {
   }
 }
 
+void CanHallArrayConfiguration::check() const {
+  const auto has = [](const std::string& pattern, const char* part) {
+    return pattern.find(part) != std::string::npos;
+  };
+  if (!has(field_signal, "{sensor}") || !has(field_signal, "{axis}")) {
+    throw std::invalid_argument("field_signal must have {sensor} and {axis} in it, not be '" +
+                                field_signal + "'");
+  }
+  if (!status_signal.empty() && !has(status_signal, "{sensor}")) {
+    throw std::invalid_argument("status_signal must have {sensor} in it, or be empty, not '" +
+                                status_signal + "'");
+  }
+  if (!current_signal.empty() && !has(current_signal, "{coil}")) {
+    throw std::invalid_argument("current_signal must have {coil} in it, or be empty, not '" +
+                                current_signal + "'");
+  }
+  if (counter_signal.empty()) throw std::invalid_argument("counter_signal must not be empty");
+}
+
 void RigConfiguration::check() const {
   const int pixels_per_grid_pixel =
       (camera.width + depth_estimator.max_width - 1) / depth_estimator.max_width;

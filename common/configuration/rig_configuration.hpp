@@ -350,6 +350,33 @@ struct OccupancyMapperConfiguration {
   }
 };
 
+// Where the Hall array's readings come from. Which signals of the CAN database are which sensor,
+// axis and coil is told by their names: {sensor} and {coil} stand for their numbers, {axis} for x,
+// y, z (z for sensors of one axis).
+struct CanHallArrayConfiguration {
+  std::string interface = "can0";
+  std::string dbc = "hall_array.dbc";  // beside the configuration file, unless absolute
+  std::string field_signal = "sensor{sensor}_{axis}";   // in T, mT, uT or nT
+  std::string status_signal = "sensor{sensor}_status";  // bits of hall_array_t; may be missing
+  std::string current_signal = "coil{coil}_current";    // in A, mA, uA or nA; may be missing
+  std::string counter_signal = "cycle";                 // in every message that is used
+  int first_number = 0;                                 // of sensors and coils
+  double timeout = 0.02;  // seconds from a reading's first frame until what has not come is stale
+
+  void check() const;
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("interface", interface);
+    v("dbc", dbc);
+    v("field_signal", field_signal);
+    v("status_signal", status_signal);
+    v("current_signal", current_signal);
+    v("counter_signal", counter_signal);
+    v("first_number", first_number, between(0, 1000));
+    v("timeout", timeout, between(1e-4, 10, Dimension::kTime));
+  }
+};
+
 // How long an input may lag behind in event time before it counts as silent (architecture.md).
 struct LagConfiguration {
   double camera = 0.5;  // seconds
@@ -378,6 +405,7 @@ struct RigConfiguration {
   TransformConfiguration camera_T_magnet;
   HallArrayConfiguration hall_array;
   CoilsConfiguration coils;
+  CanHallArrayConfiguration can_hall_array;
   LagConfiguration lag;
   MagneticLocalizerConfiguration magnetic_localizer;
   DepthEstimatorConfiguration depth_estimator;
@@ -396,6 +424,7 @@ struct RigConfiguration {
     v.section("camera_T_magnet", camera_T_magnet);
     v.section("hall_array", hall_array);
     v.section("coils", coils);
+    v.section("can_hall_array", can_hall_array);
     v.section("lag", lag);
     v.section("magnetic_localizer", magnetic_localizer);
     v.section("depth_estimator", depth_estimator);

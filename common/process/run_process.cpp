@@ -1,71 +1,20 @@
 #include <spdlog/spdlog.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <array>
-#include <chrono>
 #include <memory>
 
 #include "bus/host_check.hpp"
 #include "bus/lcm_bus.hpp"
-#include "bus/wall_clock.hpp"
 #include "numerics/parallel.hpp"
-#include "process/channels.hpp"
 #include "process/command_line.hpp"
 #include "process/log_run.hpp"
 #include "process/process.hpp"
 #include "process/progress.hpp"
-#include "process/usage.hpp"
+#include "process/status_reporter.hpp"
 #include "process/version.hpp"
 
 namespace gastronaut {
 namespace {
-
-// Fills PROCESS_STATUS once a second.
-class StatusReporter {
- public:
-  StatusReporter(LcmBus& bus, const std::string& name) : bus_(bus) {
-    status_.name = name;
-    std::array<char, 256> host{};
-    gethostname(host.data(), host.size() - 1);
-    status_.host = host.data();
-    status_.pid = getpid();
-  }
-
-  void tick() {
-    const auto now = std::chrono::steady_clock::now();
-    const double elapsed = std::chrono::duration<double>(now - last_).count();
-    if (elapsed < 1) return;
-    report(elapsed);
-    last_ = now;
-  }
-
- private:
-  void report(double elapsed) {
-    const double cpu = cpu_seconds();
-    const BusCounters& counters = bus_.counters();
-    const LcmBus::Latency latency = bus_.latency();
-    status_.utime = wall_utime();
-    status_.state = static_cast<std::int8_t>(bus_.state());
-    status_.message = bus_.describe_health();
-    status_.received = counters.received;
-    status_.published = counters.published;
-    status_.dropped = counters.dropped;
-    status_.late = counters.late;
-    status_.lost = counters.lost;
-    status_.latency_p50 = latency.p50;
-    status_.latency_p99 = latency.p99;
-    status_.cpu = (cpu - last_cpu_) / elapsed;
-    status_.resident_bytes = resident_bytes();
-    last_cpu_ = cpu;
-    bus_.publish_status(channel::kProcessStatus, status_);
-  }
-
-  LcmBus& bus_;
-  process_status_t status_{};
-  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
-  double last_cpu_ = 0;
-};
 
 struct Options {
   LogRunOptions log;

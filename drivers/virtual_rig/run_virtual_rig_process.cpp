@@ -10,15 +10,21 @@
 #include <condition_variable>
 #include <deque>
 #include <exception>
+#include <filesystem>
+#include <gastronaut/coil_currents_t.hpp>
+#include <gastronaut/hall_array_t.hpp>
 #include <gastronaut/process_status_t.hpp>
 #include <lcm/lcm-cpp.hpp>
 #include <mutex>
+#include <optional>
 #include <thread>
 
 #include "bus/host_check.hpp"
 #include "bus/lcm_bus.hpp"
 #include "bus/log_file.hpp"
 #include "bus/wall_clock.hpp"
+#include "can/can_socket.hpp"
+#include "can/hall_array_layout.hpp"
 #include "numerics/parallel.hpp"
 #include "process/channels.hpp"
 #include "process/command_line.hpp"
@@ -43,6 +49,7 @@ struct Options {
   std::string log_out;
   std::string surface_out;
   std::string truth_out;
+  std::string can;
   double duration = 0;
   double rate_factor = 1;
   int threads = 0;
@@ -84,6 +91,67 @@ int run_into_log(const VirtualRigScenario& scenario, const Options& options) {
   return kExitDone;
 }
 
+// Readings and currents as frames on a CAN interface, as a Hall array would send them. An interface
+// that goes away is waited for; what was to be sent meanwhile is lost.
+class CanOutput {
+ public:
+  CanOutput(const VirtualRigScenario& scenario, const Options& options)
+      : interface_(options.can), layout_(load_hall_array_layout(scenario.rig, {options.scenario})) {
+    socket_.emplace(interface_, std::vector<std::pair<std::uint32_t, bool>>{});
+  }
+
+  // False: that is no message for a CAN bus.
+  bool take(const std::string& channel, const std::vector<std::uint8_t>& payload) {
+    if (channel == channel::kHallArray) {
+      hall_array_t reading;
+      decode_message(payload, reading);
+      std::vector<double> values;
+      for (const std::vector<float>& sensor : reading.field) {
+        values.insert(values.end(), sensor.begin(), sensor.end());
+      }
+      if (layout_.has_status()) {
+        values.insert(values.end(), reading.status.begin(), reading.status.end());
+      }
+      send(CanStream::kField, reading.seq, values);
+      return true;
+    }
+    if (channel != channel::kCoilCurrents) return false;
+    coil_currents_t currents;
+    decode_message(payload, currents);
+    const std::vector<double> values(currents.current.begin(), currents.current.end());
+    send(CanStream::kCurrents, currents.seq, values);
+    return true;
+  }
+  std::int64_t sent() const { return sent_; }
+  std::int64_t lost() const { return lost_; }
+
+ private:
+  void send(CanStream stream, std::int32_t seq, const std::vector<double>& values) {
+    for (const CanFrame& frame : layout_.encode(stream, static_cast<std::uint32_t>(seq), values)) {
+      ++(try_to_send(frame) ? sent_ : lost_);
+    }
+  }
+  bool try_to_send(const CanFrame& frame) {
+    try {
+      if (!socket_) {
+        socket_.emplace(interface_, std::vector<std::pair<std::uint32_t, bool>>{});
+        spdlog::info("sending on {}", interface_);
+      }
+      return socket_->send(frame);
+    } catch (const CanUnavailable& unavailable) {
+      if (socket_) spdlog::warn("{}", unavailable.what());
+      socket_.reset();
+      return false;
+    }
+  }
+
+  std::string interface_;
+  HallArrayLayout layout_;
+  std::optional<CanSocket> socket_;
+  std::int64_t sent_ = 0;
+  std::int64_t lost_ = 0;
+};
+
 // Messages wait here, made ahead of their time by one thread, until another sends them.
 class LiveRun {
  public:
@@ -103,22 +171,31 @@ class LiveRun {
     gethostname(host.data(), host.size() - 1);
     status_.host = host.data();
     status_.pid = getpid();
+    if (!options.can.empty()) can_.emplace(scenario, options);
   }
 
   const VirtualRigProcess& rig() const { return rig_; }
 
   void run() {
     std::thread maker([this] { make(); });
-    send();
+    std::exception_ptr failure;
+    try {
+      send();
+    } catch (...) {
+      failure = std::current_exception();
+    }
     {
       const std::lock_guard lock(mutex_);
       stopped_ = true;
     }
     changed_.notify_all();
     maker.join();
-    if (failure_) std::rethrow_exception(failure_);
+    for (const std::exception_ptr& thrown : {failure, failure_}) {
+      if (thrown) std::rethrow_exception(thrown);
+    }
     spdlog::info("stopped: {} messages, {} pictures, {} pictures skipped to keep up",
                  status_.published, rig_.pictures(), rig_.pictures_skipped());
+    if (can_) spdlog::info("{} CAN frames sent, {} lost", can_->sent(), can_->lost());
   }
 
  private:
@@ -181,8 +258,10 @@ class LiveRun {
       const Message message = std::move(queue_.front());
       queue_.pop_front();
       lock.unlock();
-      lcm_.publish(message.channel, message.payload.data(),
-                   static_cast<unsigned>(message.payload.size()));
+      if (!can_ || !can_->take(message.channel, message.payload)) {
+        lcm_.publish(message.channel, message.payload.data(),
+                     static_cast<unsigned>(message.payload.size()));
+      }
       ++status_.published;
       delays_.push_back(lateness(time_of(message.utime)));
     }
@@ -218,6 +297,7 @@ class LiveRun {
   lcm::LCM& lcm_;
   std::int64_t start_utime_;
   VirtualRigProcess rig_;
+  std::optional<CanOutput> can_;
   Clock::time_point start_;
   std::mutex mutex_;
   std::condition_variable changed_;
@@ -257,11 +337,15 @@ int run_virtual_rig(int argc, char** argv) {
   app.add_option("--set", options.settings,
                  "override one value, e.g. --set trajectory.path_length=10cm")
       ->allow_extra_args(false);
-  app.add_option("--log-out", options.log_out,
-                 "write this log as fast as can be instead of going live");
+  auto* log_out = app.add_option("--log-out", options.log_out,
+                                 "write this log as fast as can be instead of going live");
   app.add_option("--surface-out", options.surface_out, "write the true surface: PLY, wall at rest");
   app.add_option("--truth-out", options.truth_out,
                  "write the rig with its true sensor errors, coil matrix and moment: YAML");
+  app.add_option("--can", options.can,
+                 "live: put the Hall array's readings and the currents on this CAN interface, as "
+                 "can_hall_array.dbc says, instead of LCM")
+      ->excludes(log_out);
   app.add_option("--duration", options.duration,
                  "seconds; default: the scenario's for a log, without end live")
       ->check(CLI::PositiveNumber);

@@ -106,6 +106,31 @@ std::vector<Seed> table_seeds() {
               "3\n0 0 0 1\n"};
 }
 
+// A CAN database of two sensors, then a log of its frames after a zero byte.
+std::vector<Seed> can_seeds() {
+  using namespace std::string_literals;
+  const Seed log =
+      "(1.000100) can0 00A#01000200FDFF0400\n(1.000200) can0 00B#0110002000300040\n"
+      "(1.005100) can0 00A#02000200FDFF0400\n(1.010100) can0 00B#0310002000300040\n"
+      "(1.5) can0 123##1AABBCCDD\n(2.0) can0 20000040#0000000000000000\n(2.1) can0 123#R8\n";
+  const auto message = [](int number, bool little_endian) {
+    std::string text = "BO_ " + std::to_string(10 + number) + " M" + std::to_string(number) +
+                       ": 8 X\n SG_ cycle : 0|8@1+ (1,0) [0|255] \"\" X\n";
+    for (int axis = 0; axis < 3; ++axis) {
+      text += " SG_ sensor" + std::to_string(number) + "_" + "xyz"[axis] + " : " +
+              std::to_string(little_endian ? 8 + 16 * axis : 15 + 16 * axis) +
+              (little_endian ? "|16@1-" : "|16@0-") + " (0.2,0) [0|0] \"uT\" X\n";
+    }
+    return text;
+  };
+  return {"VERSION \"\"\nNS_ :\n\tCM_\nBU_: X\n" + message(0, true) + message(1, false) +
+              "CM_ \"words\";\n" + "\0"s + log,
+          "BO_ 12 C: 8 X\n SG_ cycle : 0|8@1+ (1,0) [0|255] \"\" X\n"
+          " SG_ w M : 8|8@1+ (1,0) [0|0] \"\" X\n"
+          " SG_ coil0_current m0 : 16|32@1- (1,0) [0|0] \"A\" X\n"
+          "SIG_VALTYPE_ 12 coil0_current : 1;\n"s};
+}
+
 void write(const std::string& folder, const std::string& target, const std::vector<Seed>& seeds) {
   const std::string seeds_folder = folder + "/" + target;
   std::filesystem::create_directories(seeds_folder);
@@ -152,6 +177,7 @@ int main(int argc, char** argv) {
   write(folder, "log_reader", log_seeds(folder));
   write(folder, "configuration", configuration_seeds());
   write(folder, "import_table", table_seeds());
+  write(folder, "can", can_seeds());
   // Sequences of numbers for the targets that read numbers.
   std::string numbers;
   for (int i = 0; i < 256; ++i) numbers.push_back(static_cast<char>(i * 37));

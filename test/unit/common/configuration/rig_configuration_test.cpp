@@ -149,5 +149,18 @@ TEST(RigConfiguration, PerceptionThatMakesNoSenseIsRefusedInWords) {
   EXPECT_EQ(refusal("camera: {response: [0, 0.2, 1]}\ndepth_estimator: {max_width: 640}"), "");
 }
 
+TEST(RigConfiguration, NamesOfCanSignalsMustTellSensorsAxesAndCoilsApart) {
+  const auto error = [](const std::string& field) {
+    return error_of("can_hall_array: {" + field + "}\n");
+  };
+  EXPECT_EQ(error("field_signal: 'B{axis}_{sensor}', status_signal: '', current_signal: ''"),
+            "no error");
+  EXPECT_THAT(error("field_signal: 'B{sensor}'"), HasSubstr("{sensor} and {axis}"));
+  EXPECT_THAT(error("status_signal: state"), HasSubstr("status_signal must have {sensor}"));
+  EXPECT_THAT(error("current_signal: 'I{sensor}'"), HasSubstr("current_signal must have {coil}"));
+  EXPECT_THAT(error("counter_signal: ''"), HasSubstr("counter_signal must not be empty"));
+  EXPECT_THAT(error("timeout: 20 mm"), HasSubstr("can_hall_array.timeout"));
+}
+
 }  // namespace
 }  // namespace gastronaut

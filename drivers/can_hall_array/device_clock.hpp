@@ -1,0 +1,24 @@
+// Times that a CAN adapter took by its own clock, in the host's time. The adapter's are even, the
+// host's come late by whatever the host was busy with: the offset between the two is the smallest
+// ever seen, allowed to grow as slowly as clocks drift, so that mapped times neither jump nor
+// inherit the host's delays.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+namespace gastronaut {
+
+class DeviceClock {
+ public:
+  // When the device's `device` (microseconds) was in the host's time, given that the host had
+  // received it by `host`. Never later than `host`, never earlier than any answer before.
+  std::int64_t to_host(std::int64_t device, std::int64_t host);
+
+ private:
+  std::optional<std::int64_t> last_device_;
+  double offset_ = 0;  // microseconds, host minus device
+  std::int64_t last_answer_ = 0;
+};
+
+}  // namespace gastronaut
