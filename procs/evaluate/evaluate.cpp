@@ -10,6 +10,7 @@
 #include "configuration/fields.hpp"
 #include "evaluate/log_evaluation.hpp"
 #include "evaluate/report.hpp"
+#include "evaluate/surface_placement.hpp"
 #include "evaluate/trajectory_comparison.hpp"
 #include "process/command_line.hpp"
 
@@ -22,6 +23,7 @@ struct Options {
   std::string log;
   std::string out;
   std::string surface;
+  std::string surface_pairs;
   std::vector<std::size_t> frames;
   std::vector<std::string> failures;
   bool open = false;
@@ -68,6 +70,8 @@ void print_summary(const Metrics& metrics) {
                             "map.stable",
                             "surface.none.mean",
                             "surface.trajectory.mean",
+                            "surface.pairs.mean",
+                            "surface.shape.mean",
                             "surface.all.mean",
                             "surface.handa.mean",
                             "surface.paper.mean",
@@ -123,11 +127,25 @@ std::vector<evaluation::TrueFailure> true_failures(const Options& options) {
   return failures;
 }
 
+// Before the long work.
+void check_pairs(const Options& options) {
+  if (options.surface_pairs.empty()) return;
+  if (options.surface.empty()) {
+    throw ConfigurationError("--surface-pairs places the map on a surface: give it by --surface");
+  }
+  try {
+    evaluation::place_by_pairs(evaluation::read_pairs(options.surface_pairs));
+  } catch (const std::exception& error) {
+    throw ConfigurationError("--surface-pairs " + options.surface_pairs + ": " + error.what());
+  }
+}
+
 int score_log(const Options& options) {
   const std::vector<evaluation::TrueFailure> failures = true_failures(options);
+  check_pairs(options);
   make_folder(options.out);
   print_summary(evaluation::evaluate_log(options.log, options.out, options.frames, options.surface,
-                                         failures));
+                                         failures, options.surface_pairs));
   return finish_report(options);
 }
 
@@ -160,6 +178,10 @@ int run_evaluate(int argc, char** argv) {
   app.add_option("--surface", options.surface,
                  "true surface (PLY, rig frame): the map is measured against it")
       ->check(CLI::ExistingFile);
+  app.add_option("--surface-pairs", options.surface_pairs,
+                 "CSV file of three or more picked pairs, map x,y,z and surface x,y,z in metres,\n"
+                 "that place the map on --surface (default: its trajectory, else its shape)")
+      ->check(CLI::ExistingFile);
   app.add_option("--frames", options.frames,
                  "numbers of the pictures to show, as in 0,100,200 (default: 6 over the log)")
       ->delimiter(',')
@@ -177,9 +199,8 @@ int run_evaluate(int argc, char** argv) {
   trajectories->add_option("estimate", comparison.estimate)->required()->check(CLI::ExistingFile);
   trajectories->add_option("ground_truth", comparison.truth)->required()->check(CLI::ExistingFile);
   trajectories->add_option("--format", comparison.format, "tum (default) or kitti")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, evaluation::TrajectoryFormat>{
-          {"tum", evaluation::TrajectoryFormat::kTum},
-          {"kitti", evaluation::TrajectoryFormat::kKitti}}));
+      ->transform(CLI::CheckedTransformer(std::map<std::string, TrajectoryFormat>{
+          {"tum", TrajectoryFormat::kTum}, {"kitti", TrajectoryFormat::kKitti}}));
   trajectories
       ->add_option("--max-difference", comparison.max_difference,
                    "seconds between poses that belong together")

@@ -3,47 +3,28 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
-#include <gastronaut/capsule_state_t.hpp>
 #include <gastronaut/depth_image_t.hpp>
 #include <gastronaut/hall_array_t.hpp>
 #include <gastronaut/image_t.hpp>
-#include <gastronaut/magnetic_pose_t.hpp>
 #include <gastronaut/map_deformation_t.hpp>
 #include <gastronaut/map_surfels_t.hpp>
-#include <gastronaut/pose_t.hpp>
 #include <gastronaut/rig_config_t.hpp>
-#include <gastronaut/rigid_transform_t.hpp>
-#include <gastronaut/visual_pose_t.hpp>
 #include <limits>
+#include <span>
 #include <stdexcept>
 
 #include "bus/log_file.hpp"
 #include "bus/wire.hpp"
 #include "evaluate/picture_process.hpp"
 #include "process/channels.hpp"
+#include "process/pose_messages.hpp"
+#include "process/surfel_message.hpp"
 
 namespace gastronaut::evaluation {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 // A DEPTH picture and its truth may be this many pictures apart in the log.
 constexpr std::size_t kMaxPendingPictures = 64;
-
-Eigen::Vector3d vector3(const double (&v)[3]) { return {v[0], v[1], v[2]}; }
-
-// Messages that hold no pose (NaN, or a zero quaternion or axis) become NaN.
-SE3 no_pose() {
-  SE3 pose;
-  pose.translation.setConstant(kNaN);
-  return pose;
-}
-
-SE3 pose_of(const double (&position)[3], const double (&quaternion)[4]) {
-  const Eigen::Quaterniond rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3]);
-  const double norm = rotation.norm();
-  if (!(norm > 0) || !std::isfinite(norm)) return no_pose();
-  return {rotation.normalized(), vector3(position)};
-}
 
 template <int kSize>
 Matrix6d covariance_of(const double (&values)[kSize][kSize]) {
@@ -62,16 +43,15 @@ std::string printable(std::string words) {
   return words;
 }
 
+std::vector<PoseStatus> listed(std::span<const PoseStatus> statuses) {
+  return {statuses.begin(), statuses.end()};
+}
+
 PoseChannel magnetic_pose_channel() {
   return {channel::kMagneticPose,
           PoseKind::kMagnet,
           5,
-          {{"OK", true},
-           {"NO_FIX", false},
-           {"TOO_FAR", false},
-           {"INTERFERENCE", false},
-           {"SATURATED", false},
-           {"NO_CURRENTS", false}},
+          listed(kMagneticPoseStatuses),
           {},
           {{"chi2_per_dof", {}},
            {"residual_rms", {}},
@@ -86,17 +66,13 @@ PoseChannel visual_pose_channel() {
   return {channel::kVisualPose,
           PoseKind::kCameraInMap,
           6,
-          {{"OK", true}, {"DEGRADED", true}, {"LOST", false}, {"RELOCALISED", true}},
+          listed(kVisualPoseStatuses),
           {},
           {{"icp_rms", {}}, {"rgb_rms", {}}, {"inlier_fraction", {}}}};
 }
 
 PoseChannel capsule_state_channel() {
-  return {channel::kCapsuleState,
-          PoseKind::kCameraInRig,
-          6,
-          {{"INITIALISING", false}, {"NOMINAL", true}, {"DEGRADED", true}, {"PREDICTING", false}},
-          {},
+  return {channel::kCapsuleState, PoseKind::kCameraInRig, 6, listed(kCapsuleStateStatuses), {},
           {{"depth_scale", {}}}};
 }
 
@@ -111,14 +87,8 @@ void append(PoseChannel& target, const PoseFix& fix, std::initializer_list<doubl
 }
 
 void append(PoseChannel& target, const magnetic_pose_t& message) {
-  const Eigen::Vector3d axis = vector3(message.axis);
-  const double norm = axis.norm();
-  PoseFix fix{message.utime, message.status, no_pose(), covariance_of(message.covariance)};
-  if (norm > 0 && std::isfinite(norm)) {
-    fix.pose = {Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), axis),
-                vector3(message.position)};
-  }
-  append(target, fix,
+  append(target,
+         {message.utime, message.status, pose_of(message), covariance_of(message.covariance)},
          {message.chi2_per_dof, message.residual_rms, message.moment, message.background[0],
           message.background[1], message.background[2],
           static_cast<double>(message.num_channels_used)});
@@ -126,20 +96,19 @@ void append(PoseChannel& target, const magnetic_pose_t& message) {
 
 void append(PoseChannel& target, const visual_pose_t& message) {
   append(target,
-         {message.utime, message.status, pose_of(message.position, message.orientation),
-          covariance_of(message.covariance), message.map_version},
+         {message.utime, message.status, pose_of(message), covariance_of(message.covariance),
+          message.map_version},
          {message.icp_rms, message.rgb_rms, message.inlier_fraction});
 }
 
 void append(PoseChannel& target, const capsule_state_t& message) {
   append(target,
-         {message.utime, message.status, pose_of(message.position, message.orientation),
-          covariance_of(message.covariance)},
+         {message.utime, message.status, pose_of(message), covariance_of(message.covariance)},
          {message.depth_scale});
 }
 
 void append(PoseChannel& target, const pose_t& message) {
-  append(target, {message.utime, 0, pose_of(message.pos, message.orientation), {}}, {});
+  append(target, {message.utime, 0, pose_of(message), {}}, {});
 }
 
 class RunReader {
@@ -247,17 +216,8 @@ void RunReader::handle_depth(depth_image_t message, bool is_truth) {
 }
 
 void RunReader::handle_map(const map_surfels_t& message) {
-  if (message.reset) surfels_.reset();
-  for (const std::int32_t id : message.removed) surfels_.remove(id);
-  for (std::size_t i = 0; i < message.id.size(); ++i) {
-    const Surfel surfel{{message.x[i], message.y[i], message.z[i]},
-                        {message.nx[i], message.ny[i], message.nz[i]},
-                        {message.red[i], message.green[i], message.blue[i]},
-                        message.radius[i],
-                        message.confidence[i],
-                        message.utime};
-    if (!surfels_.set(message.id[i], surfel)) ++run_.map.refused;
-  }
+  run_.map.refused += apply_message(message, surfels_);
+  run_.map.version = message.map_version;
   run_.map.sizes.push_back(
       {message.utime, surfels_.size(), surfels_.stable(run_.map.stable_confidence)});
 }
@@ -309,7 +269,7 @@ void RunReader::handle(const LogReader::Event& event) {
     if (const auto message = decode<rig_config_t>(event)) handle_configuration(*message);
   } else if (event.channel == channel::kGroundTruthPose) {
     if (const auto message = decode<rigid_transform_t>(event)) {
-      const SE3 pose = pose_of(message->trans, message->quat);
+      const SE3 pose = pose_of(*message);
       if (pose.translation.allFinite()) run_.truth.add(message->utime, pose);
     }
   } else if (event.channel == channel::kHallArray) {

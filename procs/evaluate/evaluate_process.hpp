@@ -14,8 +14,8 @@
 #include "evaluate/map_deformations.hpp"
 #include "evaluate/pose_channel.hpp"
 #include "evaluate/sensor_failures.hpp"
-#include "evaluate/surfel_store.hpp"
 #include "evaluate/trajectory.hpp"
+#include "surfels/surfel_store.hpp"
 
 namespace gastronaut::evaluation {
 
@@ -50,7 +50,8 @@ struct MapRecord {
   std::vector<Surfel> surfels;  // after the last message, by id
   std::vector<MapSize> sizes;   // after each message
   std::vector<MapDeformation> deformations;
-  std::size_t refused = 0;  // surfels that were none
+  std::size_t refused = 0;   // surfels that were none
+  std::int32_t version = 0;  // of the last message
   // visual_slam.stable_confidence: from it on a surfel is part of the map.
   double stable_confidence = VisualSlamConfiguration{}.stable_confidence;
 };

@@ -13,11 +13,11 @@
 #include "evaluate/path_comparison.hpp"
 #include "evaluate/picture_evaluation.hpp"
 #include "evaluate/report.hpp"
-#include "evaluate/trajectory_file.hpp"
 #include "numerics/parallel.hpp"
 #include "process/channels.hpp"
 #include "process/progress.hpp"
 #include "process/version.hpp"
+#include "trajectory/trajectory_file.hpp"
 
 namespace gastronaut::evaluation {
 namespace {
@@ -171,7 +171,7 @@ Trajectory truth_trajectory(const TruthTrack& truth, const SE3& camera_T_target)
 
 Metrics evaluate_log(const std::string& log, const std::string& folder,
                      const std::vector<std::size_t>& frames, const std::string& surface,
-                     const std::vector<TrueFailure>& failures) {
+                     const std::vector<TrueFailure>& failures, const std::string& surface_pairs) {
   RecordedRun run;
   {
     Progress progress("reading " + log);
@@ -238,7 +238,7 @@ Metrics evaluate_log(const std::string& log, const std::string& folder,
   set_depth_metrics(metrics, run.depth);
   if (!run.depth.frames.empty()) write_depth_series(folder, run.depth);
   const std::vector<ShownFrame> shown = evaluate_pictures(metrics, log, folder, frames, run);
-  evaluate_map(metrics, log, folder, surface, shown, run);
+  evaluate_map(metrics, log, folder, surface, surface_pairs, shown, run);
   if (!set_timing_metrics(metrics, log + ".timing.json")) {
     run.notes.push_back("there is no " + std::filesystem::path(log).filename().string() +
                         ".timing.json beside the log (replay writes it): no times per event");

@@ -3,22 +3,25 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <opencv2/imgcodecs.hpp>
+#include <set>
 #include <stdexcept>
 
 #include "evaluate/picture_process.hpp"
 #include "evaluate/seen_surface.hpp"
 #include "evaluate/surface_errors.hpp"
+#include "evaluate/surface_placement.hpp"
 #include "evaluate/surface_thickness.hpp"
-#include "evaluate/surfel_file.hpp"
 #include "evaluate/surfel_picture.hpp"
 #include "process/channels.hpp"
 #include "process/progress.hpp"
+#include "surfels/surfel_file.hpp"
 
 namespace gastronaut::evaluation {
 namespace {
@@ -36,6 +39,7 @@ struct Comparison {
 struct Placed {
   std::string name = "none";  // as in the metrics
   SE3 rig_T_map;
+  std::optional<ShapePlacement> by_shape = std::nullopt;
 };
 
 Points positions(const std::vector<Surfel>& surfels) {
@@ -55,11 +59,39 @@ std::vector<Surfel> moved(const std::vector<Surfel>& surfels, const SE3& rig_T_m
   return result;
 }
 
-const PoseChannel* visual_poses(const RecordedRun& run) {
+const PoseChannel* pose_channel(const RecordedRun& run, const char* name) {
   for (const PoseChannel& channel : run.pose_channels) {
-    if (channel.name == channel::kVisualPose) return &channel;
+    if (channel.name == name) return &channel;
   }
   return nullptr;
+}
+
+bool any_usable(const PoseChannel* poses) {
+  return poses != nullptr && std::any_of(poses->fixes.begin(), poses->fixes.end(),
+                                         [&](const auto& fix) { return poses->usable(fix); });
+}
+
+// The visual poses in the frame that the map ends in: those of its last version and of the versions
+// before it from which only bends of the map led there. A new version that no bend explains is a
+// new frame. All poses of the frame that has most of them, where the map's own has none.
+PoseChannel poses_in_map(const RecordedRun& run) {
+  const PoseChannel* all = pose_channel(run, channel::kVisualPose);
+  if (all == nullptr) return {};
+  std::set<std::int32_t> bends;
+  for (const MapDeformation& bend : run.map.deformations) bends.insert(bend.map_version);
+  std::int32_t first = run.map.version;
+  while (bends.contains(first)) --first;
+  PoseChannel chosen = *all;
+  chosen.extras.clear();
+  const auto keep = [&](std::int32_t from, std::int32_t to) {
+    chosen.fixes.clear();
+    for (const PoseFix& fix : all->fixes) {
+      if (all->usable(fix) && fix.frame >= from && fix.frame <= to) chosen.fixes.push_back(fix);
+    }
+  };
+  keep(first, run.map.version);
+  if (chosen.fixes.empty()) keep(all->main_frame(), all->main_frame());
+  return chosen;
 }
 
 // How far from the cameras the map typically is.
@@ -67,7 +99,6 @@ double viewing_distance(const PoseChannel& poses, const Points& points) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   double count = 0;
   for (const PoseFix& fix : poses.fixes) {
-    if (!poses.usable(fix)) continue;
     sum += fix.pose.translation;
     ++count;
   }
@@ -76,13 +107,18 @@ double viewing_distance(const PoseChannel& poses, const Points& points) {
   return quantile(distances, 0.5);
 }
 
-Placed place_map(const RecordedRun& run, const Points& points) {
-  const PoseChannel* poses = visual_poses(run);
-  const bool any = poses != nullptr && std::any_of(poses->fixes.begin(), poses->fixes.end(),
-                                                   [&](const auto& f) { return poses->usable(f); });
-  if (!any || points.empty()) return {};
-  const auto placement = place_by_trajectory(*poses, run.truth, viewing_distance(*poses, points));
-  return placement ? Placed{"trajectory", *placement} : Placed{};
+// `surface` may be null. Fusion keeps the map in the rig's frame: then it needs no placing.
+Placed place_map(const RecordedRun& run, const PoseChannel& poses, const Points& points,
+                 const TrueSurface* surface, const std::string& pairs) {
+  if (!pairs.empty()) return {"pairs", place_by_pairs(read_pairs(pairs))};
+  if (!poses.fixes.empty()) {
+    const auto placement = place_by_trajectory(poses, run.truth, viewing_distance(poses, points));
+    if (placement) return {"trajectory", *placement};
+  }
+  if (surface == nullptr || any_usable(pose_channel(run, channel::kCapsuleState))) return {};
+  Progress progress("looking for the map's place on the surface");
+  const ShapePlacement placement = place_by_shape(*surface, points);
+  return {"shape", placement.rig_T_map, placement};
 }
 
 // The share of what the cameras saw of the surface that has a surfel nearby.
@@ -146,14 +182,31 @@ void write_histogram(const std::string& path, const std::vector<Comparison>& com
   if (!file.flush()) throw std::runtime_error("cannot write " + path);
 }
 
+std::string place_words(const ShapePlacement& placement) {
+  const auto millimetres = [](double metres) {
+    std::array<char, 32> text{};
+    std::snprintf(text.data(), text.size(), "%.3f mm", 1e3 * metres);
+    return std::string(text.data());
+  };
+  if (std::isnan(placement.next_rmse)) return "No other place was found.";
+  return "The next best place leaves " + millimetres(placement.next_rmse) + " RMS instead of " +
+         millimetres(placement.rmse) + ": if these are alike, the place is a guess.";
+}
+
 // Of all surfels where `placed` puts them; the figures are of the stable ones but for surface.all.
 std::vector<double> set_surface_metrics(Metrics& metrics, const std::string& folder,
-                                        const std::string& path, const Placed& placed,
+                                        const TrueSurface& surface, const Placed& placed,
                                         const Points& stable, const Points& all, RecordedRun& run) {
-  Progress progress("comparing the map with " + path);
-  const TrueSurface surface(read_surface(path));
+  Progress progress("comparing the map with the true surface");
   metrics.set_count("surface.count", stable.size());
   metrics.set("surface.placement", placed.name);
+  if (placed.by_shape) {
+    metrics.set("surface.shape.next_rmse", placed.by_shape->next_rmse);
+    run.notes.push_back(
+        "no trajectory and no picked points say where the map belongs: it was put where its shape "
+        "fits the true surface best, so its errors are the least possible ones. " +
+        place_words(*placed.by_shape));
+  }
   std::vector<Comparison> comparisons;
   const auto compare = [&](const std::string& name, const SE3& rig_T_map) {
     comparisons.push_back({name, surface_distances(surface, stable, rig_T_map)});
@@ -354,41 +407,38 @@ class MapPictures {
 };
 
 // Camera poses in the frame that the placed map is in, by vision or else by truth.
-std::optional<SE3> camera_pose(const RecordedRun& run, const Placed& placed, std::int64_t utime) {
-  if (const PoseChannel* poses = visual_poses(run)) {
-    const std::int32_t frame = poses->main_frame();
-    for (const PoseFix& fix : poses->fixes) {
-      if (fix.utime == utime && fix.frame == frame && poses->usable(fix)) {
-        return placed.rig_T_map * fix.pose;
-      }
-    }
+std::optional<SE3> camera_pose(const RecordedRun& run, const PoseChannel& poses,
+                               const Placed& placed, std::int64_t utime) {
+  for (const PoseFix& fix : poses.fixes) {
+    if (fix.utime == utime) return placed.rig_T_map * fix.pose;
   }
   return run.truth.at(utime);
 }
 
-Points estimated_path(const RecordedRun& run, const Placed& placed) {
+// What fusion says, or without it vision in the map's frame.
+Points estimated_path(const RecordedRun& run, const PoseChannel& poses, const Placed& placed) {
   Points path;
-  if (const PoseChannel* poses = visual_poses(run)) {
-    const std::int32_t frame = poses->main_frame();
-    for (const PoseFix& fix : poses->fixes) {
-      if (fix.frame == frame && poses->usable(fix)) {
-        path.push_back(placed.rig_T_map * fix.pose.translation);
-      }
+  if (const PoseChannel* states = pose_channel(run, channel::kCapsuleState)) {
+    for (const PoseFix& fix : states->fixes) {
+      if (states->usable(fix)) path.push_back(fix.pose.translation);
     }
+    if (!path.empty()) return path;
   }
+  for (const PoseFix& fix : poses.fixes) path.push_back(placed.rig_T_map * fix.pose.translation);
   return path;
 }
 
 void draw_map(const std::string& folder, const std::vector<Surfel>& surfels,
               const std::vector<float>& errors, double error_limit, const Placed& placed,
-              std::span<const ShownFrame> frames, const RecordedRun& run) {
+              const PoseChannel& poses, std::span<const ShownFrame> frames,
+              const RecordedRun& run) {
   constexpr std::size_t kOutsideViews = 3;
   constexpr std::size_t kInsideViews = 4;
   constexpr int kWidth = 960;
   constexpr int kMostHeight = 720;
   Progress progress("drawing the map");
   MapPictures pictures(folder, surfels, errors, error_limit);
-  const Points estimate = estimated_path(run, placed);
+  const Points estimate = estimated_path(run, poses, placed);
   Points truth;
   for (const SE3& pose : run.truth.poses()) truth.push_back(pose.translation);
   // The truth is a white band with a rim, on which the estimate keeps to the middle.
@@ -404,7 +454,8 @@ void draw_map(const std::string& folder, const std::vector<Surfel>& surfels,
   std::vector<std::pair<const ShownFrame*, SE3>> inside;
   for (const ShownFrame& frame : frames) {
     if (!frame.grid) continue;
-    if (const auto pose = camera_pose(run, placed, frame.utime)) inside.emplace_back(&frame, *pose);
+    if (const auto pose = camera_pose(run, poses, placed, frame.utime))
+      inside.emplace_back(&frame, *pose);
   }
   const std::size_t shown = std::min(inside.size(), kInsideViews);
   for (std::size_t i = 0; i < shown; ++i) {
@@ -419,8 +470,8 @@ void draw_map(const std::string& folder, const std::vector<Surfel>& surfels,
 }  // namespace
 
 void evaluate_map(Metrics& metrics, const std::string& log, const std::string& folder,
-                  const std::string& surface, std::span<const ShownFrame> frames,
-                  RecordedRun& run) {
+                  const std::string& surface, const std::string& pairs,
+                  std::span<const ShownFrame> frames, RecordedRun& run) {
   const MapRecord& map = run.map;
   set_deformation_metrics(metrics, map.deformations);
   if (!map.deformations.empty()) {
@@ -448,13 +499,17 @@ void evaluate_map(Metrics& metrics, const std::string& log, const std::string& f
     run.notes.push_back("the map ends empty: it is neither measured nor drawn");
     return;
   }
-  const Placed placed = place_map(run, all);
+  std::optional<TrueSurface> true_surface;
+  if (!surface.empty()) true_surface.emplace(read_surface(surface));
+  const PoseChannel poses = poses_in_map(run);
+  const Placed placed = place_map(run, poses, stable.empty() ? all : stable,
+                                  true_surface ? &*true_surface : nullptr, pairs);
   std::vector<Surfel> shown = moved(map.surfels, placed.rig_T_map);
   std::vector<float> errors;
   double limit = 0;
-  if (!surface.empty()) {
+  if (true_surface) {
     const std::vector<double> distances =
-        set_surface_metrics(metrics, folder, surface, placed, stable, all, run);
+        set_surface_metrics(metrics, folder, *true_surface, placed, stable, all, run);
     errors.assign(distances.begin(), distances.end());
     constexpr double kLeastLimit = 1e-6;  // metres
     limit = round_limit(std::max(quantile(distances, 0.95), kLeastLimit));
@@ -479,7 +534,7 @@ void evaluate_map(Metrics& metrics, const std::string& log, const std::string& f
     errors.resize(errors.empty() ? 0 : kept);
   }
   brighten(shown);
-  draw_map(folder, shown, errors, limit, placed, frames, run);
+  draw_map(folder, shown, errors, limit, placed, poses, frames, run);
 }
 
 }  // namespace gastronaut::evaluation

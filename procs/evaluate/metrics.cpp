@@ -26,9 +26,15 @@ void set_absolute_errors(Metrics& metrics, const std::string& key,
   if (matched.count_matched() > 0) metrics.set(key + ".sim3.scale", similarity.scale);
 }
 
-void set_relative_errors(Metrics& metrics, const std::string& key, const MatchedTrajectory& matched,
-                         const PairSelection& selection) {
-  const RelativeErrors errors = relative_errors(matched, select_pairs(matched, selection));
+void set_relative_errors(Metrics& metrics, const std::string& key,
+                         std::span<const MatchedTrajectory> parts, const PairSelection& selection) {
+  RelativeErrors errors;
+  for (const MatchedTrajectory& part : parts) {
+    const RelativeErrors within = relative_errors(part, select_pairs(part, selection));
+    errors.translation.insert(errors.translation.end(), within.translation.begin(),
+                              within.translation.end());
+    errors.rotation.insert(errors.rotation.end(), within.rotation.begin(), within.rotation.end());
+  }
   metrics.set_count(key + ".count", errors.translation.size());
   metrics.set_statistics(key + ".trans", errors.translation);
   metrics.set_statistics(key + ".rot_deg", errors.rotation, 180 / std::numbers::pi);

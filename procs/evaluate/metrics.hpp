@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <utility>
 #include <variant>
@@ -35,8 +36,8 @@ class Metrics {
 // KEY.none, KEY.se3 and KEY.sim3, each with statistics in metres, and KEY.sim3.scale.
 void set_absolute_errors(Metrics& metrics, const std::string& key,
                          const MatchedTrajectory& matched);
-// KEY.count, KEY.trans (metres) and KEY.rot_deg.
-void set_relative_errors(Metrics& metrics, const std::string& key, const MatchedTrajectory& matched,
-                         const PairSelection& selection);
+// KEY.count, KEY.trans (metres) and KEY.rot_deg, of the pairs within each of the parts.
+void set_relative_errors(Metrics& metrics, const std::string& key,
+                         std::span<const MatchedTrajectory> parts, const PairSelection& selection);
 
 }  // namespace gastronaut::evaluation

@@ -12,10 +12,6 @@ namespace {
 
 constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 
-bool finite(const SE3& pose) {
-  return pose.translation.allFinite() && pose.rotation.coeffs().allFinite();
-}
-
 Eigen::Vector3d axis_of(const SE3& rig_T_magnet) {
   return rig_T_magnet.rotation * Eigen::Vector3d::UnitZ();
 }
@@ -84,7 +80,7 @@ std::int32_t PoseChannel::main_frame() const {
 
 bool PoseChannel::usable(const PoseFix& fix) const {
   return fix.status >= 0 && static_cast<std::size_t>(fix.status) < statuses.size() &&
-         statuses[static_cast<std::size_t>(fix.status)].usable && finite(fix.pose);
+         statuses[static_cast<std::size_t>(fix.status)].usable && is_finite(fix.pose);
 }
 
 std::int64_t median_interval(const std::vector<std::int64_t>& utimes) {
@@ -117,13 +113,13 @@ PoseEvaluation evaluate_pose_channel(const PoseChannel& channel, const TruthTrac
   PoseEvaluation result;
   result.fixes.resize(channel.fixes.size());
   std::vector<std::int64_t> all_utimes;
-  std::vector<std::int32_t> frames;
+  std::vector<std::int32_t>& frames = result.usable_frames;
   for (std::size_t i = 0; i < channel.fixes.size(); ++i) {
     const PoseFix& fix = channel.fixes[i];
     FixErrors& errors = result.fixes[i];
     all_utimes.push_back(fix.utime);
     errors.aligned = fix.pose;
-    if (!finite(fix.pose)) continue;
+    if (!is_finite(fix.pose)) continue;
     if (const auto rig_T_camera = truth.at(fix.utime)) {
       errors.truth = *rig_T_camera * camera_T_target;
     }
@@ -151,7 +147,7 @@ PoseEvaluation evaluate_pose_channel(const PoseChannel& channel, const TruthTrac
   }
   for (std::size_t i = 0; i < channel.fixes.size(); ++i) {
     FixErrors& errors = result.fixes[i];
-    if (!finite(errors.aligned)) continue;
+    if (!is_finite(errors.aligned)) continue;
     const auto place = rig_T_frame.find(channel.fixes[i].frame);
     if (place != rig_T_frame.end()) errors.aligned = place->second * errors.aligned;
     if (!errors.truth) continue;
@@ -168,6 +164,21 @@ PoseEvaluation evaluate_pose_channel(const PoseChannel& channel, const TruthTrac
   return result;
 }
 
+std::vector<MatchedTrajectory> parts_within_frames(const PoseEvaluation& evaluation) {
+  const MatchedTrajectory& usable = evaluation.usable;
+  std::vector<MatchedTrajectory> parts;
+  std::optional<std::int32_t> frame;
+  for (std::size_t i = 0; i < usable.estimate.size(); ++i) {
+    if (!usable.truth[i]) continue;
+    if (frame != evaluation.usable_frames[i]) parts.emplace_back();
+    frame = evaluation.usable_frames[i];
+    parts.back().estimate.utimes.push_back(usable.estimate.utimes[i]);
+    parts.back().estimate.poses.push_back(usable.estimate.poses[i]);
+    parts.back().truth.push_back(usable.truth[i]);
+  }
+  return parts;
+}
+
 void set_pose_metrics(Metrics& metrics, const PoseChannel& channel,
                       const PoseEvaluation& evaluation) {
   const std::string& name = channel.name;
@@ -178,10 +189,11 @@ void set_pose_metrics(Metrics& metrics, const PoseChannel& channel,
   metrics.set(name + ".availability", evaluation.availability);
   if (evaluation.frames > 1) metrics.set_count(name + ".map_frames", evaluation.frames);
   set_absolute_errors(metrics, name + ".ate", matched);
+  const std::vector<MatchedTrajectory> parts = parts_within_frames(evaluation);
   for (const char* text :
        {"1frames", "1s", "2mm", "5mm", "10mm", "20mm", "50mm", "100mm", "5deg"}) {
     const PairSelection selection{parse_delta(text), true, true};
-    set_relative_errors(metrics, name + ".rpe." + text, matched, selection);
+    set_relative_errors(metrics, name + ".rpe." + text, parts, selection);
   }
 
   std::vector<double> rotation;

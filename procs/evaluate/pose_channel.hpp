@@ -11,6 +11,7 @@
 #include "evaluate/metrics.hpp"
 #include "evaluate/trajectory.hpp"
 #include "geometry/se3.hpp"
+#include "process/pose_status.hpp"
 
 namespace gastronaut::evaluation {
 
@@ -28,11 +29,6 @@ struct PoseFix {
   SE3 pose;                                // NaN where the message held none
   Matrix6d covariance = Matrix6d::Zero();  // the channel's degrees of freedom, top left
   std::int32_t frame = 0;  // map_version: a new one says that the map's frame has changed
-};
-
-struct PoseStatus {
-  const char* name;
-  bool usable;  // the fix counts as one
 };
 
 // A column that belongs to the channel but not to poses: residuals, background and the like.
@@ -67,13 +63,18 @@ struct PoseEvaluation {
   // The usable fixes, unaligned, for ATE and RPE; where the map's frame has changed, in the main
   // one.
   MatchedTrajectory usable;
-  std::size_t frames = 0;   // of the usable fixes
-  double availability = 0;  // share of the truth's span, 0..1
+  std::vector<std::int32_t> usable_frames;  // map frame of each usable fix
+  std::size_t frames = 0;                   // of the usable fixes
+  double availability = 0;                  // share of the truth's span, 0..1
 };
 
 // `camera_T_target` is the identity but for a magnet.
 PoseEvaluation evaluate_pose_channel(const PoseChannel& channel, const TruthTrack& truth,
                                      const SE3& camera_T_target);
+
+// The usable fixes with truth, cut wherever the map's frame changes: what one frame says of motion
+// across its end is nothing.
+std::vector<MatchedTrajectory> parts_within_frames(const PoseEvaluation& evaluation);
 
 // Of ascending utimes; 0 for fewer than two.
 std::int64_t median_interval(const std::vector<std::int64_t>& utimes);

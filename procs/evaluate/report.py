@@ -636,7 +636,8 @@ def map_picture(entry, kind):
 
 
 def error_title(views):
-    placed = {"trajectory": "map placed by the trajectory", "none": "map not aligned"}
+    placed = {"trajectory": "map placed by the trajectory", "none": "map not aligned",
+              "pairs": "map placed by picked points", "shape": "map placed by its shape"}
     return "distance from the true surface, " + placed[views["placement"]]
 
 
@@ -704,13 +705,13 @@ def plot_map_frame(views, entry):
     return save(figure, f"map_frame_{entry['number']:06d}")
 
 
-SURFACE_COLOURS = {"none": "#9ca3af", "trajectory": ESTIMATE, "handa": BOUND, "paper": "#8b5cf6"}
+SURFACE_COLOURS = {"none": "#9ca3af", "trajectory": ESTIMATE, "pairs": ESTIMATE, "shape": ESTIMATE,
+                   "handa": BOUND, "paper": "#8b5cf6"}
 
 
 def plot_surface_errors(bins, views):
-    shown = [name for name in ("trajectory", "none", "handa", "paper") if name in bins]
-    if "trajectory" in shown:
-        shown.remove("none")
+    shown = [name for name in ("pairs", "trajectory", "shape", "none", "handa", "paper")
+             if name in bins and (name != "none" or views["placement"] == "none")]
     width = 1e3 * (bins["far"] - bins["near"])
     figure, (histogram, cumulative) = plt.subplots(1, 2, figsize=(11, 3.4))
     for name in shown:
@@ -838,7 +839,7 @@ def round_up(value, steps=(1, 1.5, 2, 3, 5, 7, 10)):
                 if step * power >= value * (1 - 1e-9))
 
 
-def plot_frame(frame, error_limit):
+def plot_frame(frame, error_limit, no_photo):
     figure, axes = plt.subplots(2, 4, figsize=(16, 6.2), gridspec_kw={"wspace": 0.2, "hspace": 0.14})
 
     def show(axis, picture, title, absent, **style):
@@ -866,7 +867,7 @@ def plot_frame(frame, error_limit):
         base = photo if photo is not None and photo.shape[:2] == albedo.shape else \
             np.repeat(albedo[..., None], 3, axis=2)
         masked = np.where(empty[..., None], 0.35 * base + 0.65 * np.array([0.9, 0.1, 0.1]), base)
-    show(axes[0][0], photo, "input, undistorted", "no usable picture")
+    show(axes[0][0], photo, "input, undistorted", no_photo)
     show(axes[0][1], masked if albedo is not None else None, mask_title, "no ALBEDO")
     show(axes[0][2], vessels, "vessel response [0..1]", "no VESSELS", cmap="magma", vmin=0, vmax=1)
     show(axes[0][3], albedo, "albedo, vessels enhanced [0..1]", "no ALBEDO", cmap="gray", vmin=0,
@@ -891,7 +892,7 @@ def plot_frame(frame, error_limit):
     return save(figure, f"frame_{frame.number:06d}")
 
 
-def plot_frames():
+def plot_frames(metrics):
     """All with the same colours for errors, so that they can be compared."""
     with open(os.path.join(FOLDER, "frames", "frames.json"), encoding="utf-8") as file:
         frames = [FrameView(entry) for entry in json.load(file)]
@@ -899,7 +900,9 @@ def plot_frames():
               if error is not None]
     errors = np.abs(np.concatenate(errors)) if errors else np.array([])
     limit = round_up(max(np.percentile(errors, 90), 0.1)) if errors.size else 1
-    return [plot_frame(frame, limit) for frame in frames]
+    no_photo = "no usable picture" if "messages.CAMERA.count" in metrics else \
+        "no pictures in the log\n(replay without --keep-images)"
+    return [plot_frame(frame, limit, no_photo) for frame in frames]
 
 
 def number(value):
@@ -951,10 +954,12 @@ def error_rows(metrics, channels):
 
 
 SURFACE_NAMES = {"none": "not aligned", "trajectory": "placed by the trajectory",
+                 "pairs": "placed by picked points", "shape": "placed by its shape",
                  "handa": "then aligned, Handa 2014", "paper": "then aligned, the paper's way",
                  "all": "unstable surfels too, not aligned further",
                  "seen.none": "not aligned, against the wall as last seen",
-                 "seen.trajectory": "placed by the trajectory, against the wall as last seen"}
+                 "seen.trajectory": "placed by the trajectory, against the wall as last seen",
+                 "seen.pairs": "placed by picked points, against the wall as last seen"}
 
 
 def surface_section(metrics):
@@ -978,7 +983,8 @@ def surface_section(metrics):
     words = (f"<p class=dim>{number(metrics['map.stable'])} stable surfels of "
              f"{number(metrics['map.surfels'])}; distance from each to the nearest point of the "
              "true surface, in millimetres. ")
-    seen = [metrics[key] for key in ("surface.seen.trajectory.count", "surface.seen.none.count")
+    seen = [metrics[key] for key in ("surface.seen.trajectory.count", "surface.seen.pairs.count",
+                                         "surface.seen.none.count")
             if key in metrics]
     if seen:
         words += (f"As last seen: from {number(seen[0])} spread over them to the true depth of the "
@@ -1267,7 +1273,7 @@ def main():
         plots.append(("DEPTH", [plot_depth_series(depth, start),
                                 plot_depth_by_distance(load_series("DEPTH_by_distance"))]))
     if metrics.get("frames.shown"):
-        plots.append(("Pictures", plot_frames()))
+        plots.append(("Pictures", plot_frames(metrics)))
     with open(os.path.join(FOLDER, "index.html"), "w", encoding="utf-8") as file:
         file.write(page(metrics, channels, plots))
 

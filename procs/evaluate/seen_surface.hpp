@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "evaluate/depth_errors.hpp"
-#include "evaluate/surfel_store.hpp"
 #include "geometry/se3.hpp"
+#include "surfels/surfel_store.hpp"
 
 namespace gastronaut::evaluation {
 

@@ -42,10 +42,9 @@ std::optional<SE3> place_by_trajectory(const PoseChannel& channel, const TruthTr
                                                 {-distance, -distance, distance}}};
   std::vector<Eigen::Vector3d> estimated;
   std::vector<Eigen::Vector3d> expected;
-  const std::int32_t frame = channel.main_frame();
   for (const PoseFix& fix : channel.fixes) {
     const auto rig_T_camera = truth.at(fix.utime);
-    if (!channel.usable(fix) || fix.frame != frame || !rig_T_camera) continue;
+    if (!channel.usable(fix) || !rig_T_camera) continue;
     for (const Eigen::Vector3d& point : seen) {
       estimated.push_back(fix.pose * point);
       expected.push_back(*rig_T_camera * point);

@@ -21,8 +21,9 @@ namespace gastronaut::evaluation {
 using Points = std::vector<Eigen::Vector3d>;  // metres
 
 // The rig_T_map that brings what the cameras saw at `distance` closest to where the true cameras
-// would have seen it, over the usable fixes with truth: unlike an alignment of the positions alone,
-// it is well determined for a short or straight path too. Nothing without such fixes.
+// would have seen it, over the usable fixes with truth, all of one map frame: unlike an alignment
+// of the positions alone, it is well determined for a short or straight path too. Nothing without
+// such fixes.
 std::optional<SE3> place_by_trajectory(const PoseChannel& channel, const TruthTrack& truth,
                                        double distance);
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "evaluate/metrics.hpp"
-#include "evaluate/surfel_store.hpp"
+#include "surfels/surfel_store.hpp"
 
 namespace gastronaut::evaluation {
 

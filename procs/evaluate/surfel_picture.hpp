@@ -11,9 +11,9 @@
 
 #include "camera/pinhole_grid.hpp"
 #include "evaluate/pictures.hpp"
-#include "evaluate/surfel_store.hpp"
 #include "geometry/se3.hpp"
 #include "image/plane.hpp"
+#include "surfels/surfel_store.hpp"
 
 namespace gastronaut::evaluation {
 

@@ -8,10 +8,6 @@
 
 namespace gastronaut::evaluation {
 
-Pose to_pose(const SE3& transform) {
-  return {transform.rotation.toRotationMatrix(), transform.translation};
-}
-
 double rotation_angle(const Eigen::Matrix3d& rotation) {
   const Eigen::Vector3d twice_sine(rotation(2, 1) - rotation(1, 2), rotation(0, 2) - rotation(2, 0),
                                    rotation(1, 0) - rotation(0, 1));

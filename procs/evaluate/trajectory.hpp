@@ -1,8 +1,4 @@
-// Trajectories as sequences of stamped poses, and how an estimate is matched with its ground truth.
-//
-// Rotations stay matrices, as trajectory files give them: turning a rounded matrix into a unit
-// quaternion and back would change relative errors in their seventh digit, and these figures are
-// meant to equal those of other tools.
+// How an estimated trajectory is matched with its ground truth.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,31 +7,14 @@
 #include <vector>
 
 #include "geometry/se3.hpp"
+#include "trajectory/stamped_poses.hpp"
 
 namespace gastronaut::evaluation {
-
-struct Pose {
-  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d translation = Eigen::Vector3d::Zero();  // metres
-
-  Pose inverse() const { return {rotation.transpose(), -(rotation.transpose() * translation)}; }
-  Pose operator*(const Pose& other) const {
-    return {rotation * other.rotation, rotation * other.translation + translation};
-  }
-};
-
-Pose to_pose(const SE3& transform);
 
 // Angle of a rotation matrix in radians, 0..pi, exact for small angles too.
 double rotation_angle(const Eigen::Matrix3d& rotation);
 
-struct Trajectory {
-  std::vector<std::int64_t>
-      utimes;  // microseconds, ascending; frame numbers where there is no time
-  std::vector<Pose> poses;
-
-  std::size_t size() const { return utimes.size(); }
-};
+using Trajectory = StampedPoses;
 
 // An estimate, and for each of its poses the true one where it is known.
 struct MatchedTrajectory {

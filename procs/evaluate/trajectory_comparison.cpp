@@ -71,8 +71,8 @@ ComparedTrajectories compare_trajectories(const TrajectoryComparison& comparison
   result.metrics.set_count(name + ".count", estimate.size());
   result.metrics.set_count(name + ".with_truth", pairs);
   set_absolute_errors(result.metrics, name + ".ate", result.matched);
-  set_relative_errors(result.metrics, name + ".rpe." + comparison.delta,
-                      for_relative_errors(result.matched, selection.delta.unit), selection);
+  const MatchedTrajectory relative = for_relative_errors(result.matched, selection.delta.unit);
+  set_relative_errors(result.metrics, name + ".rpe." + comparison.delta, {&relative, 1}, selection);
   return result;
 }
 

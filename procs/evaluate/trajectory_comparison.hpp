@@ -4,7 +4,7 @@
 #include <string>
 
 #include "evaluate/metrics.hpp"
-#include "evaluate/trajectory_file.hpp"
+#include "trajectory/trajectory_file.hpp"
 
 namespace gastronaut::evaluation {
 

@@ -81,8 +81,8 @@ MatchedTrajectory matched_poses(const Trial& trial) {
   for (const Estimate& estimate : trial.estimates) {
     if (!usable(estimate)) continue;
     matched.estimate.utimes.push_back(estimate.utime);
-    matched.estimate.poses.push_back(evaluation::to_pose(estimate.map_T_camera));
-    matched.truth.emplace_back(evaluation::to_pose(*estimate.rig_T_camera));
+    matched.estimate.poses.push_back(to_pose(estimate.map_T_camera));
+    matched.truth.emplace_back(to_pose(*estimate.rig_T_camera));
   }
   return matched;
 }
@@ -107,9 +107,8 @@ void score_times(const Trial& trial, TrialScores& scores) {
 }
 
 double end_drift(const MatchedTrajectory& matched, double path) {
-  const evaluation::Pose motion =
-      matched.estimate.poses.front().inverse() * matched.estimate.poses.back();
-  const evaluation::Pose true_motion = matched.truth.front()->inverse() * *matched.truth.back();
+  const Pose motion = matched.estimate.poses.front().inverse() * matched.estimate.poses.back();
+  const Pose true_motion = matched.truth.front()->inverse() * *matched.truth.back();
   return (motion.translation - true_motion.translation).norm() / path;
 }
 

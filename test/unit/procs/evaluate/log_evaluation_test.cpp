@@ -22,9 +22,9 @@
 #include "configuration/rig_configuration.hpp"
 #include "evaluate/evaluate_process.hpp"
 #include "evaluate/report.hpp"
-#include "evaluate/trajectory_file.hpp"
 #include "process/channels.hpp"
 #include "random_numbers.hpp"
+#include "trajectory/trajectory_file.hpp"
 
 namespace gastronaut::evaluation {
 namespace {

@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <filesystem>
+#include <gastronaut/capsule_state_t.hpp>
 #include <gastronaut/depth_image_t.hpp>
 #include <gastronaut/map_deformation_t.hpp>
 #include <gastronaut/map_surfels_t.hpp>
@@ -113,6 +114,10 @@ class MapEvaluationTest : public testing::Test {
     std::vector<map_surfels_t> more = {};  // after the map
     std::vector<map_deformation_t> deformations = {};
     std::int32_t last_version = 0;  // of VISUAL_POSE in the second half of the log
+    std::int32_t map_version = 0;   // of the map
+    SE3 first_T_map = {};           // frame of VISUAL_POSE in the first half, from that of the map
+    bool vision_lost = false;
+    bool with_state = false;
   };
 
   void write_log(const Contents& contents) const {
@@ -134,19 +139,30 @@ class MapEvaluationTest : public testing::Test {
       truth.quat[0] = pose.rotation.w();
       Eigen::Map<Eigen::Vector3d>(truth.quat + 1) = pose.rotation.vec();
       if (contents.with_truth) log.write(channel::kGroundTruthPose, truth);
-      const SE3 map_T_camera = kMapTRig * pose;
+      const SE3 map_T_camera =
+          (frame < kFrames / 2 ? contents.first_T_map : SE3{}) * kMapTRig * pose;
       visual_pose_t estimate{};
       estimate.utime = frame * kPeriod;
       estimate.map_version = frame < kFrames / 2 ? 0 : contents.last_version;
       Eigen::Map<Eigen::Vector3d>(estimate.position) = map_T_camera.translation;
       estimate.orientation[0] = map_T_camera.rotation.w();
       Eigen::Map<Eigen::Vector3d>(estimate.orientation + 1) = map_T_camera.rotation.vec();
+      if (contents.vision_lost) estimate.status = visual_pose_t::STATUS_LOST;
       log.write(channel::kVisualPose, estimate);
+      if (contents.with_state) {
+        capsule_state_t state{};
+        state.utime = frame * kPeriod;
+        state.status = capsule_state_t::STATUS_NOMINAL;
+        std::copy(truth.trans, truth.trans + 3, state.position);
+        std::copy(truth.quat, truth.quat + 4, state.orientation);
+        log.write(channel::kCapsuleState, state);
+      }
       if (contents.with_depth) log.write(channel::kGroundTruthDepth, true_depth(frame));
     }
     if (contents.with_map) {
       map_surfels_t message = sphere_map(0);
       message.reset = true;
+      message.map_version = contents.map_version;
       log.write(channel::kMapSurfels, message);
     }
     for (const map_surfels_t& message : contents.more) log.write(channel::kMapSurfels, message);
@@ -333,6 +349,68 @@ TEST_F(MapEvaluationTest, SaysWhenMapFramesWereAlignedByThemselves) {
   EXPECT_THAT(evaluate({}).dump(), testing::Not(HasSubstr("map frames")));
 }
 
+TEST_F(MapEvaluationTest, WithoutATrajectoryTheShapeSaysWhereTheMapBelongs) {
+  const nlohmann::json metrics = evaluate({.with_truth = false});
+  EXPECT_EQ(metrics["surface.placement"], "shape");
+  EXPECT_NEAR(metrics["surface.shape.mean"], kOffset, kSphereSagitta + kFloat);
+  EXPECT_GT(metrics["surface.none.mean"], 0.01);
+  EXPECT_THAT(metrics.dump(), HasSubstr("it was put where its shape fits"));
+  draw_report(folder_, surface_);
+  EXPECT_THAT(contents_of("index.html"), HasSubstr("placed by its shape"));
+}
+
+TEST_F(MapEvaluationTest, FusionKeepsTheMapInTheRigsFrame) {
+  // Where the log has fused poses but no truth the map is taken as it is.
+  EXPECT_EQ(evaluate({.with_truth = false, .with_state = true})["surface.placement"], "none");
+}
+
+TEST_F(MapEvaluationTest, PickedPairsPlaceTheMap) {
+  write_log({});
+  std::ofstream pairs(folder_ + "/pairs.csv");
+  for (const Eigen::Vector3d& there :
+       {Eigen::Vector3d(0, 0, 0.04), {0, 0.04, 0}, {0.04, 0, 0}, {-0.04, 0, 0}}) {
+    const Eigen::Vector3d here = kMapTRig * there;
+    pairs << here.x() << "," << here.y() << "," << here.z() << "," << there.x() << "," << there.y()
+          << "," << there.z() << "\n";
+  }
+  pairs.close();
+  evaluate_log(log_, folder_, {}, surface_, {}, folder_ + "/pairs.csv");
+  const nlohmann::json metrics = nlohmann::json::parse(contents_of("metrics.json"));
+  EXPECT_EQ(metrics["surface.placement"], "pairs");
+  // The file has six digits: a micrometre at 0.1 m.
+  constexpr double kDigits = 1e-6;
+  EXPECT_NEAR(metrics["surface.pairs.mean"], kOffset, kSphereSagitta + kDigits);
+}
+
+TEST_F(MapEvaluationTest, ThePathDrawnIsTheFusedOneWhereThereIsOne) {
+  const auto path_pixels = [&](const Contents& contents) {
+    evaluate(contents, false);
+    const cv::Mat picture = cv::imread(folder_ + "/map/outside_0_shape.png");
+    cv::Mat path;
+    cv::inRange(picture, cv::Scalar(12, 72, 232), cv::Scalar(12, 72, 232), path);
+    return cv::countNonZero(path);
+  };
+  EXPECT_GT(path_pixels({}), 0);
+  EXPECT_EQ(path_pixels({.vision_lost = true}), 0);
+  EXPECT_GT(path_pixels({.vision_lost = true, .with_state = true}), 0);
+}
+
+TEST_F(MapEvaluationTest, TheMapIsPlacedByThePosesOfItsLastFrame) {
+  const SE3 elsewhere{so3_exp({0, 0.2, 0}), {0.01, 0, 0}};
+  const nlohmann::json last =
+      evaluate({.last_version = 2, .map_version = 2, .first_T_map = elsewhere});
+  EXPECT_NEAR(last["surface.trajectory.mean"], kOffset, kSphereSagitta + kFloat);
+  // A bend leaves the frame what it was: all poses count, and these do not fit together.
+  map_deformation_t bend{};
+  bend.map_version = 1;
+  bend.kind = map_deformation_t::KIND_FRAME;
+  const nlohmann::json bent = evaluate(
+      {.deformations = {bend}, .last_version = 1, .map_version = 1, .first_T_map = elsewhere});
+  EXPECT_GT(bent["surface.trajectory.mean"], 2 * kOffset);
+  // A version that no pose has.
+  EXPECT_EQ(evaluate({.map_version = 9})["surface.placement"], "trajectory");
+}
+
 TEST_F(MapEvaluationTest, DamagedMessagesAreCountedAndDoNoHarm) {
   write_log({});
   std::filesystem::rename(log_, log_ + ".good");
@@ -361,7 +439,7 @@ TEST_F(MapEvaluationTest, SaysWhatItCannotDo) {
   EXPECT_EQ(no_surface["map.stable"], kSurfels);
   EXPECT_FALSE(no_surface.contains("surface.count"));
   const nlohmann::json no_truth = evaluate({.with_truth = false});
-  EXPECT_EQ(no_truth["surface.placement"], "none");
+  EXPECT_EQ(no_truth["surface.placement"], "shape");
   EXPECT_FALSE(no_truth.contains("surface.completeness.within_1.5mm"));
   EXPECT_THAT(no_truth.dump(), HasSubstr("completeness"));
   map_surfels_t young{};

@@ -135,6 +135,35 @@ TEST(PoseChannelTest, EachFrameOfTheMapIsAlignedByItself) {
               kRounding);
 }
 
+TEST(PoseChannelTest, RelativeErrorsPairPosesOfOneMapFrameOnly) {
+  constexpr int kCount = 60;
+  constexpr int kMoved = 20;  // fixes before the map gets another frame, and then the first again
+  PoseChannel channel{"VISUAL_POSE", PoseKind::kCameraInMap, 6, {{"OK", true}}, {}, {}};
+  Draws draws(35);
+  const SE3 first_T_rig{draws.rotation(), draws.vector(1)};
+  const SE3 second_T_rig{draws.rotation(), draws.vector(1)};
+  for (int i = 0; i < kCount; ++i) {
+    const bool second = i >= kMoved && i < 2 * kMoved;
+    channel.fixes.push_back({i * kPeriod, 0,
+                             (second ? second_T_rig : first_T_rig) * true_pose(i * kPeriod),
+                             Matrix6d::Identity(), second ? 1 : 0});
+  }
+  // Two bad poses at the end of the second frame: it is placed askew by them.
+  for (const int bad : {2 * kMoved - 2, 2 * kMoved - 1}) {
+    channel.fixes[static_cast<std::size_t>(bad)].pose.translation += Eigen::Vector3d(0.5, 0, 0);
+  }
+  const PoseEvaluation evaluation = evaluate_pose_channel(channel, truth_track(kCount), SE3{});
+  EXPECT_EQ(parts_within_frames(evaluation).size(), 3U);
+  Metrics metrics;
+  set_pose_metrics(metrics, channel, evaluation);
+  std::map<std::string, Metrics::Value> by_key(metrics.list().begin(), metrics.list().end());
+  EXPECT_EQ(std::get<std::int64_t>(by_key.at("VISUAL_POSE.rpe.1frames.count")),
+            kCount - 3);  // 19 pairs in each part
+  // Rotations are right throughout; none of the pairs bridges two frames.
+  EXPECT_LT(std::get<double>(by_key.at("VISUAL_POSE.rpe.1frames.rot_deg.max")), 1e-5);
+  EXPECT_LT(std::get<double>(by_key.at("VISUAL_POSE.rpe.1frames.trans.median")), kRounding);
+}
+
 TEST(PoseChannelTest, ATiltedMagnetShowsItsAngleWhateverItsRoll) {
   constexpr double kTilt = 0.02;  // radians
   PoseChannel channel{"MAGNETIC_POSE", PoseKind::kMagnet, 5, {{"OK", true}}, {}, {}};

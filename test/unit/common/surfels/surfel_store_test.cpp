@@ -1,10 +1,10 @@
-#include "evaluate/surfel_store.hpp"
+#include "surfels/surfel_store.hpp"
 
 #include <gtest/gtest.h>
 
 #include <limits>
 
-namespace gastronaut::evaluation {
+namespace gastronaut {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
@@ -95,4 +95,4 @@ TEST(SurfelStore, NormalsBecomeUnit) {
 }
 
 }  // namespace
-}  // namespace gastronaut::evaluation
+}  // namespace gastronaut

@@ -1,7 +1,8 @@
-#include "evaluate/trajectory_file.hpp"
+#include "trajectory/trajectory_file.hpp"
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
@@ -9,7 +10,9 @@
 #include <sstream>
 #include <stdexcept>
 
-namespace gastronaut::evaluation {
+#include "process/whole_file.hpp"
+
+namespace gastronaut {
 namespace {
 
 constexpr std::size_t kTumColumns = 8;
@@ -59,7 +62,7 @@ Pose kitti_pose(const std::vector<double>& row) {
 
 }  // namespace
 
-Trajectory read_trajectory(const std::string& path, TrajectoryFormat format) {
+StampedPoses read_trajectory(const std::string& path, TrajectoryFormat format) {
   std::ifstream file(path);
   if (!file) throw std::runtime_error("cannot read " + path);
   const std::size_t columns = format == TrajectoryFormat::kTum ? kTumColumns : kKittiColumns;
@@ -86,7 +89,7 @@ Trajectory read_trajectory(const std::string& path, TrajectoryFormat format) {
     }
   }
   if (poses.empty()) throw std::runtime_error(path + " holds no pose");
-  Trajectory trajectory;
+  StampedPoses trajectory;
   for (const auto& [utime, pose] : poses) {
     trajectory.utimes.push_back(utime);
     trajectory.poses.push_back(pose);
@@ -94,20 +97,20 @@ Trajectory read_trajectory(const std::string& path, TrajectoryFormat format) {
   return trajectory;
 }
 
-void write_tum(const std::string& path, const Trajectory& trajectory) {
-  std::FILE* file = std::fopen(path.c_str(), "w");
-  if (file == nullptr) throw std::runtime_error("cannot write " + path);
-  std::fprintf(file, "# timestamp tx ty tz qx qy qz qw\n");
-  for (std::size_t i = 0; i < trajectory.size(); ++i) {
-    const Eigen::Vector3d& t = trajectory.poses[i].translation;
-    const Eigen::Quaterniond q(trajectory.poses[i].rotation);
-    std::fprintf(file, "%lld.%06lld %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n",
-                 static_cast<long long>(trajectory.utimes[i] / 1000000),
-                 static_cast<long long>(trajectory.utimes[i] % 1000000), t.x(), t.y(), t.z(), q.x(),
-                 q.y(), q.z(), q.w());
-  }
-  const bool good = std::ferror(file) == 0;
-  if (std::fclose(file) != 0 || !good) throw std::runtime_error("cannot write " + path);
+void write_tum(const std::string& path, const StampedPoses& trajectory) {
+  write_whole(path, [&](std::ofstream& file) {
+    file << "# timestamp tx ty tz qx qy qz qw\n";
+    for (std::size_t i = 0; i < trajectory.size(); ++i) {
+      const Eigen::Vector3d& t = trajectory.poses[i].translation;
+      const Eigen::Quaterniond q(trajectory.poses[i].rotation);
+      std::array<char, 256> line{};
+      std::snprintf(line.data(), line.size(), "%lld.%06lld %.9f %.9f %.9f %.9f %.9f %.9f %.9f\n",
+                    static_cast<long long>(trajectory.utimes[i] / 1000000),
+                    static_cast<long long>(trajectory.utimes[i] % 1000000), t.x(), t.y(), t.z(),
+                    q.x(), q.y(), q.z(), q.w());
+      file << line.data();
+    }
+  });
 }
 
-}  // namespace gastronaut::evaluation
+}  // namespace gastronaut

@@ -1,10 +1,10 @@
-#include "evaluate/surfel_store.hpp"
+#include "surfels/surfel_store.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-namespace gastronaut::evaluation {
+namespace gastronaut {
 namespace {
 
 constexpr float kFarthest = 1e4F;  // metres: no map of ours reaches there
@@ -65,4 +65,4 @@ std::vector<Surfel> SurfelStore::list() const {
   return list;
 }
 
-}  // namespace gastronaut::evaluation
+}  // namespace gastronaut

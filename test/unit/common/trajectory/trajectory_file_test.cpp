@@ -1,4 +1,4 @@
-#include "evaluate/trajectory_file.hpp"
+#include "trajectory/trajectory_file.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,16 +6,16 @@
 
 #include <fstream>
 
-#include "random_numbers.hpp"
+#include "numerics/counter_random.hpp"
 
-namespace gastronaut::evaluation {
+namespace gastronaut {
 namespace {
 
 using testing::HasSubstr;
 
 std::string file_with(const std::string& text) {
   const std::string path =
-      testing::TempDir() + "/evaluate_trajectory_" + std::to_string(getpid()) + "_test.txt";
+      testing::TempDir() + "/trajectory_" + std::to_string(getpid()) + "_test.txt";
   std::ofstream(path) << text;
   return path;
 }
@@ -30,15 +30,22 @@ std::string problem_of(const std::string& text, TrajectoryFormat format) {
 }
 
 TEST(TrajectoryFileTest, WhatIsWrittenIsReadBack) {
-  Draws draws(1);
-  Trajectory trajectory;
+  const CounterRandom random(1, 0);
+  std::uint64_t draw = 0;
+  const auto vector = [&](double sigma) {
+    const Eigen::Vector3d standard(random.normal(draw), random.normal(draw + 1),
+                                   random.normal(draw + 2));
+    draw += 3;
+    return Eigen::Vector3d(sigma * standard);
+  };
+  StampedPoses trajectory;
   for (std::int64_t i = 0; i < 20; ++i) {
     trajectory.utimes.push_back(1305031102160407 + 33333 * i);
-    trajectory.poses.push_back(to_pose({draws.rotation(), draws.vector(2)}));
+    trajectory.poses.push_back(to_pose({so3_exp(vector(1)), vector(2)}));
   }
   const std::string path = testing::TempDir() + "/evaluate_round_trip.tum";
   write_tum(path, trajectory);
-  const Trajectory read = read_trajectory(path, TrajectoryFormat::kTum);
+  const StampedPoses read = read_trajectory(path, TrajectoryFormat::kTum);
   EXPECT_EQ(read.utimes, trajectory.utimes);
   constexpr double kNineDecimals = 5e-9;  // half of the last one, times what a rotation adds up
   for (std::size_t i = 0; i < read.size(); ++i) {
@@ -48,12 +55,12 @@ TEST(TrajectoryFileTest, WhatIsWrittenIsReadBack) {
 }
 
 TEST(TrajectoryFileTest, PosesComeSortedAndOfOneTimeTheLastCounts) {
-  const Trajectory read = read_trajectory(file_with("# time x y z qx qy qz qw\n"
-                                                    "2.5 3 0 0 0 0 0 1\n"
-                                                    "\n"
-                                                    "1.5,1,0,0,0,0,0,1\n"
-                                                    "2.5 4 0 0 0 0 0 1\n"),
-                                          TrajectoryFormat::kTum);
+  const StampedPoses read = read_trajectory(file_with("# time x y z qx qy qz qw\n"
+                                                      "2.5 3 0 0 0 0 0 1\n"
+                                                      "\n"
+                                                      "1.5,1,0,0,0,0,0,1\n"
+                                                      "2.5 4 0 0 0 0 0 1\n"),
+                                            TrajectoryFormat::kTum);
   EXPECT_EQ(read.utimes, (std::vector<std::int64_t>{1500000, 2500000}));
   EXPECT_EQ(read.poses[1].translation.x(), 4);
 }
@@ -77,4 +84,4 @@ TEST(TrajectoryFileTest, WrongRowsAreNamedByFileAndLine) {
 }
 
 }  // namespace
-}  // namespace gastronaut::evaluation
+}  // namespace gastronaut

@@ -4,13 +4,13 @@
 #include <span>
 #include <string>
 
-#include "evaluate/surfel_store.hpp"
+#include "surfels/surfel_store.hpp"
 
-namespace gastronaut::evaluation {
+namespace gastronaut {
 
 // Little endian: x y z nx ny nz, red green blue, radius confidence. `comment` says what the file
 // holds. Throws std::runtime_error.
 void write_surfels(const std::string& path, std::span<const Surfel> surfels,
                    const std::string& comment);
 
-}  // namespace gastronaut::evaluation
+}  // namespace gastronaut

@@ -4,18 +4,18 @@
 
 #include <string>
 
-#include "evaluate/trajectory.hpp"
+#include "trajectory/stamped_poses.hpp"
 
-namespace gastronaut::evaluation {
+namespace gastronaut {
 
 enum class TrajectoryFormat { kTum, kKitti };
 
 // Throws std::runtime_error naming file and line for what is not a pose; comments (#) and empty
 // lines are skipped. Poses are sorted by time; of several at one time the last one counts, as in
 // the TUM benchmark's tools. KITTI poses get their row number as utime.
-Trajectory read_trajectory(const std::string& path, TrajectoryFormat format);
+StampedPoses read_trajectory(const std::string& path, TrajectoryFormat format);
 
 // Throws std::runtime_error when the file cannot be written.
-void write_tum(const std::string& path, const Trajectory& trajectory);
+void write_tum(const std::string& path, const StampedPoses& trajectory);
 
-}  // namespace gastronaut::evaluation
+}  // namespace gastronaut

@@ -8,7 +8,7 @@
 #include <unordered_map>
 #include <vector>
 
-namespace gastronaut::evaluation {
+namespace gastronaut {
 
 struct Surfel {
   Eigen::Vector3f position = Eigen::Vector3f::Zero();  // metres, map frame
@@ -48,4 +48,4 @@ class SurfelStore {
   std::unordered_map<std::int32_t, Surfel> before_reset_;
 };
 
-}  // namespace gastronaut::evaluation
+}  // namespace gastronaut

@@ -1,0 +1,3 @@
+#include "export/export_program.hpp"
+
+int main(int argc, char** argv) { return gastronaut::run_export(argc, argv); }
