@@ -107,15 +107,18 @@ double viewing_distance(const PoseChannel& poses, const Points& points) {
   return quantile(distances, 0.5);
 }
 
-// `surface` may be null. Fusion keeps the map in the rig's frame: then it needs no placing.
+// `surface` may be null. Fusion takes the map to the rig's frame, with a new version, and keeps it
+// there while vision drifts: then it needs no placing.
 Placed place_map(const RecordedRun& run, const PoseChannel& poses, const Points& points,
                  const TrueSurface* surface, const std::string& pairs) {
   if (!pairs.empty()) return {"pairs", place_by_pairs(read_pairs(pairs))};
+  const bool is_fused = any_usable(pose_channel(run, channel::kCapsuleState));
+  if (is_fused && run.map.version > 0) return {};
   if (!poses.fixes.empty()) {
     const auto placement = place_by_trajectory(poses, run.truth, viewing_distance(poses, points));
     if (placement) return {"trajectory", *placement};
   }
-  if (surface == nullptr || any_usable(pose_channel(run, channel::kCapsuleState))) return {};
+  if (surface == nullptr || is_fused) return {};
   Progress progress("looking for the map's place on the surface");
   const ShapePlacement placement = place_by_shape(*surface, points);
   return {"shape", placement.rig_T_map, placement};

@@ -362,6 +362,9 @@ TEST_F(MapEvaluationTest, WithoutATrajectoryTheShapeSaysWhereTheMapBelongs) {
 TEST_F(MapEvaluationTest, FusionKeepsTheMapInTheRigsFrame) {
   // Where the log has fused poses but no truth the map is taken as it is.
   EXPECT_EQ(evaluate({.with_truth = false, .with_state = true})["surface.placement"], "none");
+  // And with truth too, once it has gone there: vision's own poses may have drifted from it.
+  EXPECT_EQ(evaluate({.map_version = 1, .with_state = true})["surface.placement"], "none");
+  EXPECT_EQ(evaluate({.with_state = true})["surface.placement"], "trajectory");
 }
 
 TEST_F(MapEvaluationTest, PickedPairsPlaceTheMap) {
