@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 #include <gastronaut/occupancy_t.hpp>
+#include <gastronaut/rig_config_t.hpp>
 #include <map>
 #include <optional>
 #include <set>
@@ -12,12 +13,14 @@
 
 #include "bus/log_file.hpp"
 #include "bus/wire.hpp"
+#include "configuration/rig_configuration.hpp"
 #include "export/message_table.hpp"
 #include "process/channels.hpp"
 #include "process/pose_messages.hpp"
 #include "process/surfel_message.hpp"
 #include "process/whole_file.hpp"
 #include "surfels/surfel_file.hpp"
+#include "surfels/surfel_mesh.hpp"
 #include "trajectory/trajectory_file.hpp"
 
 namespace gastronaut {
@@ -94,7 +97,8 @@ class Exporter {
         options_.log, 0, options_.csv ? kFirstPass : 1, progress,
         [this](const LogReader::Event& event) { handle(event); }, &damage);
     if (!damage.empty()) note(damage + "; everything before it was exported");
-    write_map();
+    if (options_.ply) write_map();
+    if (options_.mesh) write_mesh();
     write_trajectories();
     if (octomap_) {
       const bool bt = octomap_->format == occupancy_t::FORMAT_BT;
@@ -104,6 +108,9 @@ class Exporter {
       });
     }
     if (options_.csv) write_tables(kFirstPass, progress);
+    if (refused_ > 0) {
+      note(std::to_string(refused_) + " surfels of MAP_SURFELS are none and were left out");
+    }
     for (const auto& [channel, count] : left_out_) {
       note(channel + ": " + std::to_string(count) +
            " messages are damaged or of another type and were left out");
@@ -131,7 +138,10 @@ class Exporter {
     }
     if (options_.csv) table->second.measure(event.payload);
     if (options_.tum || options_.ply) handle_poses(event);
-    if (options_.ply && event.channel == channel::kMapSurfels) {
+    if (options_.mesh && event.channel == channel::kRigConfig) {
+      if (const auto message = decode<rig_config_t>(event)) configuration_ = message->yaml;
+    }
+    if ((options_.ply || options_.mesh) && event.channel == channel::kMapSurfels) {
       if (const auto message = decode<map_surfels_t>(event)) handle_surfels(*message);
     }
     if (options_.octomap && event.channel == channel::kOctomap) {
@@ -201,9 +211,27 @@ class Exporter {
       note("map_after_" + std::to_string(after) + ".ply: the log has " + std::to_string(frames_) +
            " VISUAL_POSE, and no MAP_SURFELS at or after that many");
     }
-    if (refused_ > 0) {
-      note(std::to_string(refused_) + " surfels of MAP_SURFELS are none and were left out");
+  }
+
+  void write_mesh() {
+    std::vector<Surfel> stable = surfels_.list();
+    const double least = stable_confidence();
+    std::erase_if(stable, [least](const Surfel& surfel) { return !is_stable(surfel, least); });
+    if (stable.empty()) return;
+    export_mesh(path_of("mesh.ply"), triangulate(stable));
+    result_.files.push_back("mesh.ply");
+  }
+
+  double stable_confidence() {
+    if (!configuration_.empty()) {
+      try {
+        return parse_rig_configuration(configuration_, "RIG_CONFIG").visual_slam.stable_confidence;
+      } catch (const ConfigurationError& error) {
+        note(std::string("RIG_CONFIG cannot be used; surfels count as stable as by default: ") +
+             error.what());
+      }
     }
+    return VisualSlamConfiguration{}.stable_confidence;
   }
 
   void write_trajectories() {
@@ -252,6 +280,7 @@ class Exporter {
   SurfelStore surfels_;
   bool any_surfels_ = false;
   std::size_t refused_ = 0;
+  std::string configuration_;           // RIG_CONFIG's
   std::set<std::size_t> after_frames_;  // still to come
   std::optional<occupancy_t> octomap_;
 };

@@ -15,6 +15,7 @@ struct ExportOptions {
   bool csv = true;
   bool tum = true;
   bool ply = true;
+  bool mesh = true;
   bool octomap = true;
   std::vector<std::size_t> after_frames;  // with ply: snapshots after so many VISUAL_POSE
 };
@@ -32,6 +33,7 @@ struct ExportResult {
 //     VISUAL_POSE the camera's in the map's frame, all others the camera's in the rig's;
 //   map.ply: the surfels after the last MAP_SURFELS, map frame (surfel_file.hpp), and
 //     map_after_N.ply: those after the first MAP_SURFELS at or after the Nth VISUAL_POSE;
+//   mesh.ply: triangles between the stable ones of these, with colour (surfel_mesh.hpp);
 //   octomap.bt or octomap.ot: the last OCTOMAP.
 // Channels with characters that are no letter, digit, _ or - get _ for them in file names. Throws
 // std::runtime_error for a log that cannot be opened and for files that cannot be written.

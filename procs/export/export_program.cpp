@@ -33,9 +33,9 @@ int export_from(const Arguments& arguments) {
   if (error || !std::filesystem::is_directory(arguments.out)) {
     throw std::runtime_error(arguments.out + " cannot be made a folder: " + error.message());
   }
-  const ExportOptions options{arguments.log,         arguments.out, wanted("csv"),
-                              wanted("tum"),         wanted("ply"), wanted("octomap"),
-                              arguments.after_frames};
+  const ExportOptions options{arguments.log,     arguments.out,         wanted("csv"),
+                              wanted("tum"),     wanted("ply"),         wanted("mesh"),
+                              wanted("octomap"), arguments.after_frames};
   ExportResult result;
   {
     Progress progress("exporting " + arguments.log);
@@ -52,7 +52,8 @@ int export_from(const Arguments& arguments) {
 int run_export(int argc, char** argv) {
   CLI::App app(
       "Turns a log into files for other programs: CHANNEL.csv of every channel, CHANNEL.tum of\n"
-      "every pose channel, map.ply (surfels) and octomap.bt of the map as it is in the end.\n\n"
+      "every pose channel; of the map as it is in the end map.ply (surfels), mesh.ply (triangles)\n"
+      "and octomap.bt.\n\n"
       "Example: export derived.lcmlog --out exported/",
       "export");
   Arguments arguments;
@@ -60,11 +61,12 @@ int run_export(int argc, char** argv) {
       ->required()
       ->check(CLI::ExistingFile);
   app.add_option("--out", arguments.out, "folder of the files, made where missing")->required();
-  app.add_option("--only", arguments.only,
-                 "of csv, tum, ply, octomap those to write, separated by commas; default: all")
+  app.add_option(
+         "--only", arguments.only,
+         "of csv, tum, ply, mesh, octomap those to write, separated by commas; default: all")
       ->delimiter(',')
       ->allow_extra_args(false)
-      ->check(CLI::IsMember({"csv", "tum", "ply", "octomap"}));
+      ->check(CLI::IsMember({"csv", "tum", "ply", "mesh", "octomap"}));
   app.add_option("--after-frames", arguments.after_frames,
                  "also write map_after_N.ply, the map after that many VISUAL_POSE, for each of\n"
                  "these numbers, as in 10,100,300")

@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "process/whole_file.hpp"
-#include "visual_slam/ply_file.hpp"
 
 namespace gastronaut::slam {
 namespace {
@@ -170,21 +169,6 @@ KeptMap load_map(const std::string& path) {
     refuse(path, "is damaged: its depth_scale is none");
   }
   return map;
-}
-
-void export_ply(const std::string& path, const SurfelArrays& surfels, double least_confidence) {
-  const std::vector<std::size_t> ids = surfels.at_least(least_confidence);
-  write_whole(path, [&](std::ofstream& file) {
-    write_ply_head(file, "surfels in metres", ids.size());
-    for (const char* name : {"radius", "confidence"}) file << "property float " << name << '\n';
-    file << "end_header\n";
-    for (const std::size_t k : ids) {
-      write_ply_vertex(file, {surfels.x[k], surfels.y[k], surfels.z[k]},
-                       {surfels.nx[k], surfels.ny[k], surfels.nz[k]}, surfels.albedo[k]);
-      const std::array<float, 2> rest = {surfels.radius[k], surfels.confidence[k]};
-      file.write(reinterpret_cast<const char*>(rest.data()), sizeof rest);
-    }
-  });
 }
 
 }  // namespace gastronaut::slam

@@ -1,4 +1,4 @@
-// A map's surfels on disk: kept between runs, and exported for other programs.
+// A map's surfels on disk, kept between runs.
 #pragma once
 
 #include <string>
@@ -8,9 +8,6 @@
 #include "visual_slam/surfel_arrays.hpp"
 
 namespace gastronaut::slam {
-
-// Both writers write path + ".partial" and rename it when it is complete, so that `path` is never
-// half a file; both throw std::runtime_error, saying why, when that fails.
 
 struct KeptMap {
   SurfelArrays surfels;
@@ -22,15 +19,13 @@ struct KeptMap {
 // Little endian: magic "GNSURFEL", uint32 version, uint32 number of viewpoints, uint64 number of
 // entries, uint64 checksum (FNV-1a over the payload's 32-bit words), then SurfelArrays' arrays one
 // after the other, then the viewpoints as double x y z qw qx qy qz, then double depth_scale. Ids
-// are kept. Loading gives back the same bytes.
+// are kept. Loading gives back the same bytes. Writes path + ".partial" and renames it when it is
+// complete, so that `path` is never half a file; throws std::runtime_error, saying why, when that
+// fails.
 void save_map(const std::string& path, const KeptMap& map);
 
 // Throws std::runtime_error, saying what is wrong and what to do, for what save_map did not write
 // or no longer is what it wrote.
 KeptMap load_map(const std::string& path);
-
-// PLY, binary little endian, one vertex a surfel of at least that confidence, in the order of
-// ids: float x y z nx ny nz, uchar red green blue, float radius confidence. Metres, map frame.
-void export_ply(const std::string& path, const SurfelArrays& surfels, double least_confidence);
 
 }  // namespace gastronaut::slam

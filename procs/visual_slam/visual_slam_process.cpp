@@ -18,7 +18,6 @@
 #include "pictures/depth_counts.hpp"
 #include "process/channels.hpp"
 #include "visual_slam/surfel_file.hpp"
-#include "visual_slam/surfel_mesh.hpp"
 
 namespace gastronaut {
 namespace {
@@ -125,12 +124,12 @@ slam::VisualSlamOptions options_of(const RigConfiguration& configuration) {
   return options;
 }
 
-slam::VisualSlam make_slam(const RigConfiguration& configuration, const MapFiles& files) {
-  if (files.map.empty() || !std::filesystem::exists(files.map)) {
+slam::VisualSlam make_slam(const RigConfiguration& configuration, const std::string& map_file) {
+  if (map_file.empty() || !std::filesystem::exists(map_file)) {
     return slam::VisualSlam(options_of(configuration));
   }
-  slam::KeptMap kept = slam::load_map(files.map);
-  spdlog::info("{}: a map of {} surfels, seen from {} places", files.map, kept.surfels.size(),
+  slam::KeptMap kept = slam::load_map(map_file);
+  spdlog::info("{}: a map of {} surfels, seen from {} places", map_file, kept.surfels.size(),
                kept.viewpoints.size());
   return slam::VisualSlam(options_of(configuration), std::move(kept));
 }
@@ -181,12 +180,12 @@ map_deformation_t message_of(const slam::MapDeformation& bend, int map_version) 
 }  // namespace
 
 VisualSlamProcess::VisualSlamProcess(Bus& bus, const RigConfiguration& configuration,
-                                     const MapFiles& files)
+                                     std::string map_file)
     : bus_(bus),
       configuration_(configuration),
-      files_(files),
-      slam_(make_slam(configuration, files)),
-      keeper_(files.map) {
+      map_file_(std::move(map_file)),
+      slam_(make_slam(configuration, map_file_)),
+      keeper_(map_file_) {
   // ALBEDO first: of one utime it is handled before DEPTH.
   bus.subscribe<image_t>(
       channel::kAlbedo, configuration.lag.derived,
@@ -268,7 +267,7 @@ void VisualSlamProcess::merge(const std::optional<slam::FusedState>& fused) {
     publish_map(utime, kMostSurfels);
     map_due_ = utime + std::llround(configuration_.visual_slam.map_interval * kMicroseconds);
   }
-  if (!files_.map.empty() && utime >= save_due_ && slam_.map().size() > 0) {
+  if (!map_file_.empty() && utime >= save_due_ && slam_.map().size() > 0) {
     if (keeper_.is_free()) keeper_.save(slam_.kept());
     save_due_ = utime + std::llround(configuration_.visual_slam.save_interval * kMicroseconds);
   }
@@ -378,7 +377,7 @@ void VisualSlamProcess::report(const slam::SlamPose& pose) {
                     last_bend_));
   }
   if (!fusion_problem_.empty()) add(fusion_problem_);
-  if (!files_.map.empty() && !keeper_.problem().empty()) {
+  if (!map_file_.empty() && !keeper_.problem().empty()) {
     add("the map is not kept: " + keeper_.problem());
   }
   const bool well =
@@ -397,22 +396,16 @@ void VisualSlamProcess::finish() {
   constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
   if (published_ < increment_.changed.size()) publish_map(last_utime_ + 1, kAll - published_);
   if (slam_.map().size() > 0) publish_map(last_utime_ + 2, kAll);
-  if (!files_.map.empty() && slam_.map().size() > 0) {
+  if (!map_file_.empty() && slam_.map().size() > 0) {
     keeper_.wait();
     keeper_.save(slam_.kept());
     keeper_.wait();
     if (!keeper_.problem().empty()) spdlog::error("{}", keeper_.problem());
   }
-  const double stable = configuration_.visual_slam.stable_confidence;
-  if (!files_.points.empty()) slam::export_ply(files_.points, slam_.map().surfels(), stable);
-  if (!files_.mesh.empty()) {
-    slam::export_mesh(files_.mesh,
-                      slam::triangulate(slam_.map().surfels(), {.least_confidence = stable}));
-  }
 }
 
 ProcessDescription visual_slam_process() {
-  const auto files = std::make_shared<MapFiles>();
+  const auto map_file = std::make_shared<std::string>();
   return {"visual_slam",
           "Tracks the camera against its own dense map, and builds that map.",
           channel::kDepth,
@@ -420,17 +413,13 @@ ProcessDescription visual_slam_process() {
             return std::vector<std::string>{channel::kVisualPose, channel::kMapSurfels,
                                             channel::kMapDeformation};
           },
-          [files](Bus& bus, const RigConfiguration& configuration) {
-            return std::make_unique<VisualSlamProcess>(bus, configuration, *files);
+          [map_file](Bus& bus, const RigConfiguration& configuration) {
+            return std::make_unique<VisualSlamProcess>(bus, configuration, *map_file);
           },
-          [files](CLI::App& app) {
-            app.add_option("--map", files->map,
+          [map_file](CLI::App& app) {
+            app.add_option("--map", *map_file,
                            "keep the map in this file: go on with it if it is there, save it every "
                            "visual_slam.save_interval seconds");
-            app.add_option("--export-points", files->points,
-                           "at the end, write the stable surfels to this PLY file");
-            app.add_option("--export-mesh", files->mesh,
-                           "at the end, write a triangle mesh of the map to this PLY file");
           }};
 }
 

@@ -30,17 +30,11 @@
 
 namespace gastronaut {
 
-// What the program's own options ask for.
-struct MapFiles {
-  std::string map;     // read at the start if it is there, kept up to date; empty: none
-  std::string points;  // PLY of the surfels, written at the end; empty: none
-  std::string mesh;    // PLY of the triangle mesh, likewise
-};
-
 class VisualSlamProcess : public Process {
  public:
+  // The map is kept in `map_file`: read at the start if it is there, kept up to date; empty: none.
   // Throws std::runtime_error for a kept map that cannot be read.
-  VisualSlamProcess(Bus& bus, const RigConfiguration& configuration, const MapFiles& files);
+  VisualSlamProcess(Bus& bus, const RigConfiguration& configuration, std::string map_file);
 
   void finish() override;
 
@@ -59,7 +53,7 @@ class VisualSlamProcess : public Process {
 
   Bus& bus_;
   RigConfiguration configuration_;
-  MapFiles files_;
+  std::string map_file_;
   slam::VisualSlam slam_;
   slam::MapKeeper keeper_;
 

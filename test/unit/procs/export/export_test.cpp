@@ -12,6 +12,7 @@
 #include <gastronaut/image_t.hpp>
 #include <gastronaut/map_surfels_t.hpp>
 #include <gastronaut/occupancy_t.hpp>
+#include <gastronaut/rig_config_t.hpp>
 #include <gastronaut/rigid_transform_t.hpp>
 #include <gastronaut/visual_pose_t.hpp>
 #include <sstream>
@@ -124,9 +125,9 @@ class ExportTest : public testing::Test {
 TEST_F(ExportTest, WritesEveryChannelAndSaysWhatItLeftOut) {
   write_log();
   ASSERT_EQ(run("in.lcmlog --out all --after-frames 10,20,100"), 0) << read("err.txt");
-  for (const char* name :
-       {"GROUND_TRUTH_POSE.csv", "GROUND_TRUTH_POSE.tum", "VISUAL_POSE.csv", "VISUAL_POSE.tum",
-        "MAP_SURFELS.csv", "SIDE_CAMERA.csv", "map.ply", "map_after_10.ply", "map_after_20.ply"}) {
+  for (const char* name : {"GROUND_TRUTH_POSE.csv", "GROUND_TRUTH_POSE.tum", "VISUAL_POSE.csv",
+                           "VISUAL_POSE.tum", "MAP_SURFELS.csv", "SIDE_CAMERA.csv", "map.ply",
+                           "mesh.ply", "map_after_10.ply", "map_after_20.ply"}) {
     EXPECT_TRUE(std::filesystem::exists(folder_ + "/all/" + name)) << name;
     EXPECT_THAT(read("out.txt"), HasSubstr(std::string(name) + "\n"));
   }
@@ -138,6 +139,21 @@ TEST_F(ExportTest, WritesEveryChannelAndSaysWhatItLeftOut) {
   EXPECT_THAT(read("err.txt"), HasSubstr("FOREIGN: 1 messages"));
   EXPECT_THAT(read("all/map_after_10.ply"), HasSubstr("element vertex 50\n"));
   EXPECT_THAT(read("all/map.ply"), HasSubstr("element vertex 200\n"));
+}
+
+TEST_F(ExportTest, TheMeshIsOfTheSurfelsThatTheConfigurationCallsStable) {
+  write_log();
+  ASSERT_EQ(run("in.lcmlog --out all --only mesh"), 0) << read("err.txt");
+  EXPECT_EQ(read("out.txt"), "mesh.ply\n");
+  LogWriter log(folder_ + "/strict.lcmlog");
+  auto configuration = stamped<rig_config_t>(0);
+  configuration.yaml = "visual_slam: {stable_confidence: 100}\n";
+  log.write(channel::kRigConfig, configuration);
+  LogReader weak(folder_ + "/in.lcmlog");
+  while (const auto event = weak.next()) log.write(event->channel, event->payload, kStart);
+  log.close();
+  EXPECT_EQ(run("strict.lcmlog --out none --only mesh"), 1);
+  EXPECT_THAT(read("err.txt"), HasSubstr("nothing to export"));
 }
 
 TEST_F(ExportTest, OnlyWhatIsAskedFor) {

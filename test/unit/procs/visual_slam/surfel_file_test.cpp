@@ -3,13 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -160,59 +158,6 @@ TEST_F(SurfelFile, FailedSaveLeavesTheOldMap) {
   std::filesystem::create_directory(path("map.partial"));  // cannot be opened as a file
   EXPECT_THROW(save_map(path("map"), {{}, {}}), std::runtime_error);
   EXPECT_EQ(load_map(path("map")).surfels, some_surfels());
-}
-
-// PLY as the format's description has it, for scalar properties of one element.
-TEST_F(SurfelFile, PlyReadsBackWithNamedColumns) {
-  const SurfelArrays s = some_surfels();
-  constexpr double kLeast = 5;
-  export_ply(path("map.ply"), s, kLeast);
-  std::istringstream file(read(path("map.ply")));
-  std::string line;
-  std::size_t count = 0;
-  std::vector<std::pair<std::string, std::string>> columns;  // type, name
-  std::getline(file, line);
-  ASSERT_EQ(line, "ply");
-  std::getline(file, line);
-  ASSERT_EQ(line, "format binary_little_endian 1.0");
-  while (std::getline(file, line) && line != "end_header") {
-    std::istringstream words(line);
-    std::string word, type, name;
-    words >> word >> type >> name;
-    if (word == "element") {
-      ASSERT_EQ(type, "vertex");
-      count = std::stoul(name);
-    } else if (word == "property") {
-      columns.emplace_back(type, name);
-    }
-  }
-  std::vector<std::string> names;
-  for (const auto& column : columns) names.push_back(column.second);
-  ASSERT_EQ(names, (std::vector<std::string>{"x", "y", "z", "nx", "ny", "nz", "red", "green",
-                                             "blue", "radius", "confidence"}));
-  std::vector<std::vector<float>> rows(count);
-  for (auto& row : rows) {
-    for (const auto& column : columns) {
-      if (column.first == "uchar") {
-        row.push_back(static_cast<float>(file.get()));
-      } else {
-        ASSERT_EQ(column.first, "float");
-        float value = 0;
-        file.read(reinterpret_cast<char*>(&value), sizeof value);
-        row.push_back(value);
-      }
-    }
-  }
-  ASSERT_TRUE(file);
-  EXPECT_EQ(file.get(), std::istringstream::traits_type::eof());
-
-  std::vector<std::vector<float>> expected;
-  for (std::size_t k : {1U, 3U, 4U}) {  // 0 has too little confidence
-    const float grey = std::round(s.albedo[k] * 255);
-    expected.push_back({s.x[k], s.y[k], s.z[k], s.nx[k], s.ny[k], s.nz[k], grey, grey, grey,
-                        s.radius[k], s.confidence[k]});
-  }
-  EXPECT_EQ(rows, expected);
 }
 
 TEST_F(SurfelFile, ScaleComesBackAndNonsenseIsRefused) {

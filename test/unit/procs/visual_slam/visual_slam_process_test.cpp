@@ -133,7 +133,7 @@ class Rig {
   // What sensor_fusion would say to a VISUAL_POSE.
   using Fusion = std::function<std::optional<capsule_state_t>(const visual_pose_t&)>;
 
-  explicit Rig(const MapFiles& files = {}, const Fusion& fusion = {})
+  explicit Rig(const std::string& map_file = {}, const Fusion& fusion = {})
       : network_([this](const std::string& channel, Bytes payload, std::int64_t) {
           log.emplace_back(channel, Message(payload.begin(), payload.end()));
           if (channel == channel::kCapsuleState) return;
@@ -145,7 +145,7 @@ class Rig {
           }
         }),
         bus(network_.connect()),
-        process_(std::make_unique<VisualSlamProcess>(bus, rig(), files)) {
+        process_(std::make_unique<VisualSlamProcess>(bus, rig(), map_file)) {
     if (!fusion) return;
     Bus& other = network_.connect();
     other.subscribe<visual_pose_t>("VISUAL_POSE", 1, [&other, fusion](const visual_pose_t& pose) {
@@ -256,11 +256,7 @@ class VisualSlamProcessTest : public ::testing::Test {
     std::filesystem::create_directories(folder_);
   }
   ~VisualSlamProcessTest() override { std::filesystem::remove_all(folder_); }
-  MapFiles map_file(const std::string& name = "map") const {
-    MapFiles files;
-    files.map = (folder_ / name).string();
-    return files;
-  }
+  std::string map_file(const std::string& name = "map") const { return (folder_ / name).string(); }
 
  private:
   std::filesystem::path folder_;
@@ -304,7 +300,7 @@ TEST_F(VisualSlamProcessTest, IncrementsSumUpToTheMap) {
     rig.finish();
     EXPECT_GT(rig.maps, 3);
     EXPECT_EQ(rig.resets, 1);
-    expect_listener_has(rig, slam::load_map(map_file(std::to_string(relative_std)).map).surfels);
+    expect_listener_has(rig, slam::load_map(map_file(std::to_string(relative_std))).surfels);
   }
 }
 
@@ -406,7 +402,7 @@ TEST_F(VisualSlamProcessTest, FarDepthDoesNotBreakTheMap) {
   EXPECT_EQ(pose.status, kOk);
   expect_at(pose, camera_at(6));
   rig.finish();
-  EXPECT_NO_THROW(slam::load_map(map_file().map));
+  EXPECT_NO_THROW(slam::load_map(map_file()));
 }
 
 TEST_F(VisualSlamProcessTest, RefusedPicturesSayWhy) {
@@ -535,7 +531,7 @@ TEST_F(VisualSlamProcessTest, MapIsKeptWhileItGrows) {
     Rig killed(map_file());
     killed.follow(0, 10);
   }
-  EXPECT_GT(slam::load_map(map_file().map).surfels.size(), 1000U);
+  EXPECT_GT(slam::load_map(map_file()).surfels.size(), 1000U);
   Rig after(map_file());
   const visual_pose_t pose = after.see(pictures_of(camera_at(3), utime_of(40), kRelativeStd));
   EXPECT_EQ(pose.status, kRelocalised);
@@ -546,7 +542,7 @@ TEST_F(VisualSlamProcessTest, DamagedKeptMapIsRefusedAndLeftAlone) {
   Rig before(map_file());
   before.follow(0, 3);
   before.finish();
-  const std::string path = map_file().map;
+  const std::string path = map_file();
   std::filesystem::resize_file(path, std::filesystem::file_size(path) / 2);
   const auto size = std::filesystem::file_size(path);
   try {
@@ -582,7 +578,7 @@ TEST_F(VisualSlamProcessTest, NothingSeenNothingKept) {
   Rig rig(map_file());
   rig.finish();
   EXPECT_TRUE(rig.outputs.empty());
-  EXPECT_FALSE(std::filesystem::exists(map_file().map));
+  EXPECT_FALSE(std::filesystem::exists(map_file()));
 }
 
 // Where the scene is in the rig, and fusion that knows it.
@@ -613,8 +609,8 @@ TEST_F(VisualSlamProcessTest, FusionTakesPosesAndMapToTheRig) {
   constexpr int kKnown = 13;  // frames until fusion knows where the capsule is
   for (const double relative_std : {kRelativeStd, 0.03}) {
     SCOPED_TRACE(relative_std);
-    const MapFiles files = map_file(std::to_string(relative_std));
-    Rig rig(files, [](const visual_pose_t& pose) {
+    const std::string file = map_file(std::to_string(relative_std));
+    Rig rig(file, [](const visual_pose_t& pose) {
       capsule_state_t state = answer_to(pose);
       if (number_of(pose.utime) < kKnown) state.status = capsule_state_t::STATUS_INITIALISING;
       return std::optional(state);
@@ -635,7 +631,7 @@ TEST_F(VisualSlamProcessTest, FusionTakesPosesAndMapToTheRig) {
     EXPECT_EQ(rig.resets, 2);
     EXPECT_EQ(rig.map_version, 1);
     EXPECT_EQ(rig.bus.describe_health(), "");
-    expect_listener_has(rig, slam::load_map(files.map).surfels);
+    expect_listener_has(rig, slam::load_map(file).surfels);
   }
 }
 
@@ -643,8 +639,8 @@ TEST_F(VisualSlamProcessTest, BendsOfTheMapAreTold) {
   constexpr int kUntilThen = 20;  // frames; then fusion has the camera a millimetre further on
   constexpr double kDrift = 1e-3;
   const Eigen::Vector3d drift = kRigTScene.rotation * Eigen::Vector3d(0, 0, kDrift);
-  const MapFiles files = map_file();
-  Rig rig(files, [&drift](const visual_pose_t& pose) {
+  const std::string file = map_file();
+  Rig rig(file, [&drift](const visual_pose_t& pose) {
     capsule_state_t state = answer_to(pose);
     for (int i = 0; number_of(pose.utime) >= kUntilThen && i < 3; ++i) {
       state.position[i] += drift[i];
@@ -667,7 +663,7 @@ TEST_F(VisualSlamProcessTest, BendsOfTheMapAreTold) {
   EXPECT_GT(mean.dot(drift.normalized()), kPart * kDrift);
   EXPECT_THAT(rig.bus.describe_health(), HasSubstr("the map bent"));
   rig.finish();
-  expect_listener_has(rig, slam::load_map(files.map).surfels);
+  expect_listener_has(rig, slam::load_map(file).surfels);
 }
 
 TEST_F(VisualSlamProcessTest, ImpossibleStatesAreIgnoredAndSaid) {

@@ -1,12 +1,8 @@
-#include "visual_slam/ply_file.hpp"
+#include "surfels/ply_file.hpp"
 
-#include <algorithm>
-#include <array>
 #include <bit>
-#include <cmath>
-#include <cstdint>
 
-namespace gastronaut::slam {
+namespace gastronaut {
 
 static_assert(std::endian::native == std::endian::little);
 
@@ -20,13 +16,10 @@ void write_ply_head(std::ofstream& file, const std::string& comment, std::size_t
 }
 
 void write_ply_vertex(std::ofstream& file, const Eigen::Vector3f& position,
-                      const Eigen::Vector3f& normal, float albedo) {
-  const auto grey = static_cast<char>(
-      static_cast<std::uint8_t>(std::lround(std::clamp(albedo, 0.0F, 1.0F) * 255)));
-  const std::array<char, 3> colour = {grey, grey, grey};
+                      const Eigen::Vector3f& normal, const std::array<std::uint8_t, 3>& colour) {
   file.write(reinterpret_cast<const char*>(position.data()), sizeof(float) * 3);
   file.write(reinterpret_cast<const char*>(normal.data()), sizeof(float) * 3);
-  file.write(colour.data(), sizeof colour);
+  file.write(reinterpret_cast<const char*>(colour.data()), colour.size());
 }
 
-}  // namespace gastronaut::slam
+}  // namespace gastronaut

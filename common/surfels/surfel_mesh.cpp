@@ -1,4 +1,4 @@
-#include "visual_slam/surfel_mesh.hpp"
+#include "surfels/surfel_mesh.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -11,9 +11,9 @@
 #include <unordered_map>
 
 #include "process/whole_file.hpp"
-#include "visual_slam/ply_file.hpp"
+#include "surfels/ply_file.hpp"
 
-namespace gastronaut::slam {
+namespace gastronaut {
 namespace {
 
 // Lengths without a unit in their name are in voxels, and so are positions.
@@ -41,8 +41,7 @@ struct Corner {
   float weight = 0;  // 0: no surfel is near
   float distance = 0;
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
-  float albedo = 0;  // negative: never seen
-  float albedo_weight = 0;
+  Eigen::Vector3f colour = Eigen::Vector3f::Zero();
   // Of the edges from here to the corners with one or more coordinates greater by 1, those with a
   // vertex: bit `step - 1`, where bit k of step is axis k. Their vertices have successive indices.
   std::int32_t first_vertex = 0;
@@ -138,7 +137,7 @@ struct Disc {
   Eigen::Vector3d centre;
   Eigen::Vector3d normal;
   double support;
-  float albedo;
+  Eigen::Vector3f colour;
 };
 
 int first_from(double least) { return static_cast<int>(std::ceil(least)); }
@@ -173,10 +172,7 @@ void add(const Disc& disc, Grid& grid) {
         corner.weight += weight;
         corner.distance += weight * static_cast<float>(distance);
         corner.normal += weight * n.cast<float>();
-        if (disc.albedo >= 0) {
-          corner.albedo += weight * disc.albedo;
-          corner.albedo_weight += weight;
-        }
+        corner.colour += weight * disc.colour;
       }
     }
   }
@@ -190,7 +186,7 @@ void sums_to_means(Grid& grid) {
       corner.distance =
           std::copysign(std::max(std::abs(corner.distance), kLeastDistance), corner.distance);
       corner.normal /= corner.weight;
-      corner.albedo = corner.albedo_weight > 0 ? corner.albedo / corner.albedo_weight : -1;
+      corner.colour /= corner.weight;
     }
   }
 }
@@ -218,9 +214,7 @@ void make_vertices(Grid& grid, double voxel, TriangleMesh& mesh) {
       mesh.vertices.emplace_back(
           (voxel * (position.cast<double>() + (t * edge).cast<double>())).cast<float>());
       mesh.normals.emplace_back(normal / agreement);
-      mesh.albedo.push_back(std::min(a.albedo, b.albedo) < 0
-                                ? std::max(a.albedo, b.albedo)
-                                : a.albedo + t * (b.albedo - a.albedo));
+      mesh.colours.emplace_back(a.colour + t * (b.colour - a.colour));
     }
   });
 }
@@ -303,21 +297,21 @@ void remove_unused_vertices(TriangleMesh& mesh) {
     if (index[k] < 0) continue;
     mesh.vertices[used] = mesh.vertices[k];
     mesh.normals[used] = mesh.normals[k];
-    mesh.albedo[used] = mesh.albedo[k];
+    mesh.colours[used] = mesh.colours[k];
     index[k] = static_cast<std::int32_t>(used++);
   }
   mesh.vertices.resize(used);
   mesh.normals.resize(used);
-  mesh.albedo.resize(used);
+  mesh.colours.resize(used);
   for (auto& triangle : mesh.triangles) {
     for (std::int32_t& k : triangle) k = index[static_cast<std::size_t>(k)];
   }
 }
 
-double median_radius(const SurfelArrays& surfels, const std::vector<std::size_t>& ids) {
+double median_radius(std::span<const Surfel> surfels) {
   std::vector<float> radii;
-  radii.reserve(ids.size());
-  for (const std::size_t id : ids) radii.push_back(surfels.radius[id]);
+  radii.reserve(surfels.size());
+  for (const Surfel& surfel : surfels) radii.push_back(surfel.radius);
   const auto middle = radii.begin() + static_cast<std::ptrdiff_t>(radii.size() / 2);
   std::nth_element(radii.begin(), middle, radii.end());
   return static_cast<double>(*middle);
@@ -325,11 +319,10 @@ double median_radius(const SurfelArrays& surfels, const std::vector<std::size_t>
 
 }  // namespace
 
-TriangleMesh triangulate(const SurfelArrays& surfels, const MeshOptions& options) {
-  const std::vector<std::size_t> ids = surfels.at_least(options.least_confidence);
-  if (ids.empty()) return {};
-  const double median = median_radius(surfels, ids);
-  const double voxel = options.voxel == 0 ? kMedianRadiiPerVoxel * median : options.voxel;
+TriangleMesh triangulate(std::span<const Surfel> surfels, double voxel) {
+  if (surfels.empty()) return {};
+  const double median = median_radius(surfels);
+  if (voxel == 0) voxel = kMedianRadiiPerVoxel * median;
   if (!(voxel >= kFinestVoxel * median) || !std::isfinite(voxel)) {
     throw std::invalid_argument("surfel mesh: a voxel of " + std::to_string(voxel) +
                                 " m is too small for surfels with a median radius of " +
@@ -337,16 +330,17 @@ TriangleMesh triangulate(const SurfelArrays& surfels, const MeshOptions& options
   }
 
   Grid grid;
-  for (const std::size_t id : ids) {
-    const Disc disc = {
-        Eigen::Vector3f(surfels.x[id], surfels.y[id], surfels.z[id]).cast<double>() / voxel,
-        Eigen::Vector3f(surfels.nx[id], surfels.ny[id], surfels.nz[id]).cast<double>().normalized(),
-        std::clamp(kSupportRadii * static_cast<double>(surfels.radius[id]) / voxel, 1.0,
-                   kLargestSupport),
-        surfels.albedo[id]};
+  for (const Surfel& surfel : surfels) {
+    const Disc disc = {surfel.position.cast<double>() / voxel,
+                       surfel.normal.cast<double>().normalized(),
+                       std::clamp(kSupportRadii * static_cast<double>(surfel.radius) / voxel, 1.0,
+                                  kLargestSupport),
+                       {static_cast<float>(surfel.colour[0]), static_cast<float>(surfel.colour[1]),
+                        static_cast<float>(surfel.colour[2])}};
     if (!(disc.centre.cwiseAbs().maxCoeff() < kReach)) {
-      throw std::invalid_argument("surfel mesh: surfel " + std::to_string(id) +
-                                  " lies out of the grid's reach; give a larger voxel");
+      throw std::invalid_argument("surfel mesh: surfels lie out of the grid's reach, one at " +
+                                  std::to_string(surfel.position.norm()) +
+                                  " m; give a larger voxel");
     }
     if (!disc.normal.isZero()) add(disc, grid);
   }
@@ -364,7 +358,12 @@ void export_mesh(const std::string& path, const TriangleMesh& mesh) {
     file << "element face " << mesh.triangles.size()
          << "\nproperty list uchar int vertex_indices\nend_header\n";
     for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
-      write_ply_vertex(file, mesh.vertices[k], mesh.normals[k], mesh.albedo[k]);
+      std::array<std::uint8_t, 3> colour;
+      for (Eigen::Index c = 0; c < 3; ++c) {
+        colour[static_cast<std::size_t>(c)] =
+            static_cast<std::uint8_t>(std::lround(mesh.colours[k][c]));
+      }
+      write_ply_vertex(file, mesh.vertices[k], mesh.normals[k], colour);
     }
     for (const auto& triangle : mesh.triangles) {
       file.put(static_cast<char>(triangle.size()));
@@ -373,4 +372,4 @@ void export_mesh(const std::string& path, const TriangleMesh& mesh) {
   });
 }
 
-}  // namespace gastronaut::slam
+}  // namespace gastronaut

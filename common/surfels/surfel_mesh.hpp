@@ -4,23 +4,19 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
-#include "visual_slam/surfel_arrays.hpp"
+#include "surfels/surfel_store.hpp"
 
-namespace gastronaut::slam {
+namespace gastronaut {
 
-struct MeshOptions {
-  double voxel = 0;              // metres, edge of the grid's cubes; 0: 1.25 median radii
-  double least_confidence = 10;  // surfels below are left out; the map's stable_confidence
-};
-
-// Map frame. Each vertex belongs to a triangle; no triangle is degenerate.
+// The surfels' frame. Each vertex belongs to a triangle; no triangle is degenerate.
 struct TriangleMesh {
   std::vector<Eigen::Vector3f> vertices;  // metres
   std::vector<Eigen::Vector3f> normals;   // one a vertex: unit, out of the tissue
-  std::vector<float> albedo;              // one a vertex: 0 to 1; negative: never seen
+  std::vector<Eigen::Vector3f> colours;   // one a vertex: red, green, blue, 0 to 255
   // Indices of vertices, counterclockwise seen from where the normals point.
   std::vector<std::array<std::int32_t, 3>> triangles;
 };
@@ -36,13 +32,14 @@ struct TriangleMesh {
 // space between: 3 kB for each 4 x 4 x 4 corners of the grid of which one is near a surfel, then
 // the mesh: some 200 bytes a surfel in all for a surface seen once. Same surfels, same bytes.
 //
-// Throws std::invalid_argument for a voxel that is negative, not finite, or below half the median
+// `voxel` is the edge of the grid's cubes in metres; 0: 1.25 median radii. Throws
+// std::invalid_argument for one that is negative, not finite, or below half the median
 // radius, which would show nothing more, and for surfels four million voxels from the origin.
-TriangleMesh triangulate(const SurfelArrays& surfels, const MeshOptions& options);
+TriangleMesh triangulate(std::span<const Surfel> surfels, double voxel = 0);
 
-// PLY, binary little endian: vertices float x y z nx ny nz, uchar red green blue (albedo as grey);
-// faces uchar 3, int32 x 3. Metres, map frame. Writes path + ".partial" and renames it when it is
+// PLY, binary little endian: vertices float x y z nx ny nz, uchar red green blue; faces
+// uchar 3, int32 x 3. Metres. Writes path + ".partial" and renames it when it is
 // complete; throws std::runtime_error, saying why, when that fails.
 void export_mesh(const std::string& path, const TriangleMesh& mesh);
 
-}  // namespace gastronaut::slam
+}  // namespace gastronaut

@@ -1,4 +1,4 @@
-#include "visual_slam/surfel_mesh.hpp"
+#include "surfels/surfel_mesh.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@
 #include <utility>
 #include <vector>
 
-namespace gastronaut::slam {
+namespace gastronaut {
 namespace {
 
 // A camera makes a surfel a pixel, with a radius of sqrt(2) pixels.
@@ -37,28 +37,22 @@ constexpr double kNudge = 0.01 * kVoxel;
 // Any point of the mesh is on a tetrahedron with the border of the support in it.
 const double kLongestEdge = std::sqrt(3.0) * kVoxel;
 
-void add(SurfelArrays& s, const Eigen::Vector3d& position, const Eigen::Vector3d& normal,
-         double albedo = 0.5) {
-  const std::size_t k = s.size();
-  s.resize(k + 1);
-  const Eigen::Vector3f p = position.cast<float>();
-  const Eigen::Vector3f n = normal.normalized().cast<float>();
-  s.x[k] = p.x();
-  s.y[k] = p.y();
-  s.z[k] = p.z();
-  s.nx[k] = n.x();
-  s.ny[k] = n.y();
-  s.nz[k] = n.z();
-  s.albedo[k] = static_cast<float>(albedo);
-  s.radius[k] = static_cast<float>(kRadius);
-  s.confidence[k] = static_cast<float>(MeshOptions{}.least_confidence);
+using Surfels = std::vector<Surfel>;
+using Colour = std::array<std::uint8_t, 3>;
+
+void add(Surfels& surfels, const Eigen::Vector3d& position, const Eigen::Vector3d& normal,
+         const Colour& colour = {}) {
+  surfels.push_back({position.cast<float>(), normal.normalized().cast<float>(), colour,
+                     static_cast<float>(kRadius), 1, 0});
 }
 
+constexpr Colour kLeft = {200, 50, 100};
+constexpr Colour kRight = {100, 50, 200};
 constexpr double kSide = 0.02;  // metres, of the sheets below
 
 // A square at `place`, facing `normal`, without the surfels that keep(x, y in the square) refuses.
 void add_sheet(
-    SurfelArrays& s, const Eigen::Vector3d& place, const Eigen::Vector3d& normal,
+    Surfels& s, const Eigen::Vector3d& place, const Eigen::Vector3d& normal,
     const std::function<bool(double, double)>& keep = [](double, double) { return true; }) {
   const Eigen::Vector3d x = normal.unitOrthogonal();
   const Eigen::Vector3d y = normal.normalized().cross(x);
@@ -67,7 +61,7 @@ void add_sheet(
     for (int j = 0; j <= count; ++j) {
       const double u = i * kSpacing - kSide / 2;
       const double v = j * kSpacing - kSide / 2;
-      if (keep(u, v)) add(s, place + u * x + v * y, normal, u < 0 ? 0.2 : 0.8);
+      if (keep(u, v)) add(s, place + u * x + v * y, normal, u < 0 ? kLeft : kRight);
     }
   }
 }
@@ -116,7 +110,7 @@ std::vector<std::pair<std::int32_t, std::int32_t>> border(const TriangleMesh& me
 // What any mesh keeps to.
 void expect_sound(const TriangleMesh& mesh) {
   ASSERT_EQ(mesh.normals.size(), mesh.vertices.size());
-  ASSERT_EQ(mesh.albedo.size(), mesh.vertices.size());
+  ASSERT_EQ(mesh.colours.size(), mesh.vertices.size());
   constexpr float kUnit = 1e-5F;  // some roundings of float
   for (const auto& normal : mesh.normals) ASSERT_NEAR(normal.norm(), 1, kUnit);
   std::vector<bool> used(mesh.vertices.size());
@@ -135,9 +129,9 @@ void expect_sound(const TriangleMesh& mesh) {
 }
 
 TEST(SurfelMesh, PlaneBecomesThePlaneAndEndsWhereTheSurfelsEnd) {
-  SurfelArrays surfels;
+  Surfels surfels;
   add_sheet(surfels, kPlace, kNormal);
-  const TriangleMesh mesh = triangulate(surfels, {});
+  const TriangleMesh mesh = triangulate(surfels);
   expect_sound(mesh);
   for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
     ASSERT_LE(std::abs(height(mesh.vertices[k])), kNudge);
@@ -150,25 +144,28 @@ TEST(SurfelMesh, PlaneBecomesThePlaneAndEndsWhereTheSurfelsEnd) {
   EXPECT_GE(std::sqrt(area(mesh)), kSide - 2 * (kLongestEdge - kSupport));
 }
 
-TEST(SurfelMesh, AlbedoIsThatOfTheSurfelsNearby) {
-  SurfelArrays surfels;
+TEST(SurfelMesh, ColourIsThatOfTheSurfelsNearby) {
+  Surfels surfels;
   add_sheet(surfels, kPlace, kNormal);
-  surfels.albedo[0] = -1;  // in a corner, among others that were seen
-  const TriangleMesh mesh = triangulate(surfels, {});
+  const TriangleMesh mesh = triangulate(surfels);
   const Eigen::Vector3d x = kNormal.unitOrthogonal();
-  constexpr float kRounding = 1e-5F;  // of a mean of some floats
+  constexpr float kRounding = 255 * 1e-5F;  // of a mean of some floats
   int near_edge = 0;
   for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
     const double u = x.dot(mesh.vertices[k].cast<double>() - kPlace);
-    if (std::abs(u) < kSupport + kLongestEdge) {
-      ++near_edge;
-    } else {
-      ASSERT_NEAR(mesh.albedo[k], u < 0 ? 0.2F : 0.8F, kRounding);
+    for (std::size_t c = 0; c < 3; ++c) {
+      const float colour = mesh.colours[k][static_cast<Eigen::Index>(c)];
+      const auto [least, most] = std::minmax(kLeft[c], kRight[c]);
+      ASSERT_GE(colour, static_cast<float>(least) - kRounding);
+      ASSERT_LE(colour, static_cast<float>(most) + kRounding);
+      if (std::abs(u) > kSupport + kLongestEdge) {
+        ASSERT_NEAR(colour, static_cast<float>(u < 0 ? kLeft[c] : kRight[c]), kRounding);
+      } else {
+        ++near_edge;
+      }
     }
   }
   EXPECT_GT(near_edge, 0);
-  std::fill(surfels.albedo.begin(), surfels.albedo.end(), -1.0F);
-  for (const float albedo : triangulate(surfels, {}).albedo) ASSERT_LT(albedo, 0);
 }
 
 TEST(SurfelMesh, SphereSeenFromInsideIsClosedAndOfTheRightSize) {
@@ -176,7 +173,7 @@ TEST(SurfelMesh, SphereSeenFromInsideIsClosedAndOfTheRightSize) {
   // Fibonacci's sphere, as dense as a camera's surfels.
   const int count =
       static_cast<int>(4 * std::numbers::pi * kSphere * kSphere / kSpacing / kSpacing);
-  SurfelArrays surfels;
+  Surfels surfels;
   for (int k = 0; k < count; ++k) {
     const double z = 1 - (2 * k + 1.0) / count;
     const double turn = 2 * std::numbers::pi * k / std::numbers::phi;
@@ -184,7 +181,7 @@ TEST(SurfelMesh, SphereSeenFromInsideIsClosedAndOfTheRightSize) {
     const Eigen::Vector3d out(r * std::cos(turn), r * std::sin(turn), z);
     add(surfels, kPlace + kSphere * out, -out);
   }
-  const TriangleMesh mesh = triangulate(surfels, {});
+  const TriangleMesh mesh = triangulate(surfels);
   expect_sound(mesh);
   EXPECT_TRUE(border(mesh).empty());
   // Euler's characteristic of one sphere. Each edge was counted once each way.
@@ -206,9 +203,9 @@ TEST(SurfelMesh, SphereSeenFromInsideIsClosedAndOfTheRightSize) {
 
 TEST(SurfelMesh, HoleStaysAHole) {
   constexpr double kHole = 10 * kRadius;
-  SurfelArrays surfels;
+  Surfels surfels;
   add_sheet(surfels, kPlace, kNormal, [](double u, double v) { return std::hypot(u, v) > kHole; });
-  const TriangleMesh mesh = triangulate(surfels, {});
+  const TriangleMesh mesh = triangulate(surfels);
   expect_sound(mesh);
   double nearest = kSide;
   for (const auto& vertex : mesh.vertices) nearest = std::min(nearest, from_middle(vertex));
@@ -217,10 +214,10 @@ TEST(SurfelMesh, HoleStaysAHole) {
 }
 
 TEST(SurfelMesh, MissingSurfelIsNoHole) {
-  SurfelArrays surfels;
+  Surfels surfels;
   add_sheet(surfels, kPlace, kNormal,
             [](double u, double v) { return std::hypot(u, v) > kSpacing / 2; });
-  const TriangleMesh mesh = triangulate(surfels, {});
+  const TriangleMesh mesh = triangulate(surfels);
   for (const auto& [from, to] : border(mesh)) {
     ASSERT_GE(from_middle(mesh.vertices[static_cast<std::size_t>(from)]),
               kSide / 2 - (kLongestEdge - kSupport));
@@ -234,11 +231,11 @@ TEST(SurfelMesh, SheetsFiveRadiiApartStayTwo) {
     SCOPED_TRACE(facing);
     const double lower = facing == kAway ? -1 : 1;
     const double upper = facing == kToEachOther ? -1 : 1;
-    SurfelArrays surfels;
+    Surfels surfels;
     add_sheet(surfels, kPlace, lower * kNormal);
-    const double one = area(triangulate(surfels, {}));
+    const double one = area(triangulate(surfels));
     add_sheet(surfels, kPlace + kGap * kNormal, upper * kNormal);
-    const TriangleMesh mesh = triangulate(surfels, {});
+    const TriangleMesh mesh = triangulate(surfels);
     expect_sound(mesh);
     for (std::size_t k = 0; k < mesh.vertices.size(); ++k) {
       const double h = height(mesh.vertices[k]);
@@ -252,38 +249,23 @@ TEST(SurfelMesh, SheetsFiveRadiiApartStayTwo) {
 }
 
 TEST(SurfelMesh, LonelySurfelMakesNoMoreThanItsSupport) {
-  SurfelArrays surfels;
+  Surfels surfels;
   add(surfels, kPlace, kNormal);
-  const TriangleMesh mesh = triangulate(surfels, {});
+  const TriangleMesh mesh = triangulate(surfels);
   expect_sound(mesh);
   EXPECT_LE(area(mesh), std::numbers::pi * kSupport * kSupport);
 }
 
-TEST(SurfelMesh, UnstableSurfelsAndGapsAreLeftOut) {
-  SurfelArrays surfels;
-  add_sheet(surfels, kPlace, kNormal);
-  const TriangleMesh stable = triangulate(surfels, {});
-  const std::size_t count = surfels.size();
-  add_sheet(surfels, kPlace + kSide * kNormal, kNormal);
-  for (std::size_t k = count; k < surfels.size(); ++k) {
-    surfels.confidence[k] = static_cast<float>(MeshOptions{}.least_confidence) / 2;
-  }
-  surfels.resize(surfels.size() + 1);  // an entry that holds no surfel
-  EXPECT_EQ(triangulate(surfels, {}).vertices, stable.vertices);
-  EXPECT_EQ(triangulate(surfels, {}).triangles, stable.triangles);
-  EXPECT_GT(triangulate(surfels, {0, 0}).vertices.size(), stable.vertices.size());
-}
-
 TEST(SurfelMesh, VoxelsThatMakeNoSenseAreRefused) {
-  SurfelArrays surfels;
+  Surfels surfels;
   add_sheet(surfels, kPlace, kNormal);
   for (const double voxel : {-kVoxel, 0.4 * kRadius, std::numeric_limits<double>::quiet_NaN(),
                              std::numeric_limits<double>::infinity()}) {
-    EXPECT_THROW(triangulate(surfels, {voxel}), std::invalid_argument) << voxel;
+    EXPECT_THROW(triangulate(surfels, voxel), std::invalid_argument) << voxel;
   }
   constexpr double kFar = 1e7 * kVoxel;
   add(surfels, {0, kFar, 0}, kNormal);
-  EXPECT_THROW(triangulate(surfels, {}), std::invalid_argument);
+  EXPECT_THROW(triangulate(surfels), std::invalid_argument);
 }
 
 class MeshFile : public testing::Test {
@@ -322,7 +304,7 @@ std::string header(std::size_t vertices, std::size_t faces) {
 TEST_F(MeshFile, IsPlyOfVerticesAndTriangles) {
   const TriangleMesh mesh = {{{1, 2, 3}, {4, 5, 6}, {7, 8, -9}},
                              {{1, 0, 0}, {0, 1, 0}, {0, 0, -1}},
-                             {0, 1, 0.2F},
+                             {{0, 10, 255}, {1, 2, 3}, {51.4F, 51.5F, 0}},
                              {{0, 1, 2}}};
   export_mesh(path("mesh.ply"), mesh);
   EXPECT_FALSE(std::filesystem::exists(path("mesh.ply.partial")));
@@ -330,11 +312,11 @@ TEST_F(MeshFile, IsPlyOfVerticesAndTriangles) {
   const auto append = [&](const auto& value) {
     expected.append(reinterpret_cast<const char*>(&value), sizeof value);
   };
-  const std::array<unsigned char, 3> grey = {0, 255, 51};  // 255 times albedo
+  const std::array<Colour, 3> colours = {{{0, 10, 255}, {1, 2, 3}, {51, 52, 0}}};
   for (std::size_t k = 0; k < 3; ++k) {
     for (const float number : mesh.vertices[k]) append(number);
     for (const float number : mesh.normals[k]) append(number);
-    for (int colour = 0; colour < 3; ++colour) append(grey[k]);
+    append(colours[k]);
   }
   append(static_cast<unsigned char>(3));
   for (const std::int32_t index : {0, 1, 2}) append(index);
@@ -342,15 +324,15 @@ TEST_F(MeshFile, IsPlyOfVerticesAndTriangles) {
 }
 
 TEST_F(MeshFile, OfAnEmptyMapIsEmptyAndWhole) {
-  export_mesh(path("mesh.ply"), triangulate({}, {}));
+  export_mesh(path("mesh.ply"), triangulate({}));
   EXPECT_EQ(read("mesh.ply"), header(0, 0));
 }
 
 TEST_F(MeshFile, SameSurfelsGiveTheSameBytes) {
-  SurfelArrays surfels;
+  Surfels surfels;
   add_sheet(surfels, kPlace, kNormal);
-  export_mesh(path("one.ply"), triangulate(surfels, {}));
-  export_mesh(path("two.ply"), triangulate(surfels, {}));
+  export_mesh(path("one.ply"), triangulate(surfels));
+  export_mesh(path("two.ply"), triangulate(surfels));
   EXPECT_EQ(read("one.ply"), read("two.ply"));
 }
 
@@ -371,7 +353,7 @@ TEST_F(MeshFile, UnwritablePathSaysWhy) {
   constexpr std::size_t kLarge = 100'000;
   large.vertices.resize(kLarge, Eigen::Vector3f::Zero());
   large.normals.resize(kLarge, Eigen::Vector3f::UnitZ());
-  large.albedo.resize(kLarge);
+  large.colours.resize(kLarge, Eigen::Vector3f::Zero());
   try {
     export_mesh(path("full.ply"), large);
     ADD_FAILURE() << "no error";
@@ -382,4 +364,4 @@ TEST_F(MeshFile, UnwritablePathSaysWhy) {
 }
 
 }  // namespace
-}  // namespace gastronaut::slam
+}  // namespace gastronaut
