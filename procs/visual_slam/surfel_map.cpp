@@ -23,9 +23,9 @@ SurfelMapOptions checked(const SurfelMapOptions& o) {
   const bool good = o.working_distance > 0 && o.block_size > 0 && o.farthest > 0 &&
                     o.depth_gate > 0 && o.depth_gate_sigmas >= 0 && o.angle_gate > 0 &&
                     o.minimum_cosine > 0 && o.minimum_cosine < 1 && o.radius_growth >= 1 &&
-                    o.trusted_relative_std > 0 && o.confidence_limit >= o.stable_confidence &&
-                    o.active_window > 0 && o.unseen_limit > 0 && o.least_confidence > 0 &&
-                    o.reserved_surfels >= 0;
+                    o.merge_distance >= 0 && o.merge_thickness >= 0 && o.trusted_relative_std > 0 &&
+                    o.confidence_limit >= o.stable_confidence && o.active_window > 0 &&
+                    o.unseen_limit > 0 && o.least_confidence > 0 && o.reserved_surfels >= 0;
   if (!good) {
     throw std::invalid_argument(
         "surfel map: distances, gates, windows and limits must be positive, minimum_cosine below "
@@ -162,6 +162,7 @@ FuseReport SurfelMap::fuse(const Frame& frame, const ModelView& prediction) {
       update(pixels_[pixel].surfel, measure(frame, prediction.map_T_camera, pixel), frame.utime);
     }
   });
+  find_crowded(prediction);
   // What one pixel confirms is not in free space, whatever another sees.
   seen_through_.clear();
   for (const Pixel& pixel : pixels_) {
@@ -184,6 +185,7 @@ FuseReport SurfelMap::fuse(const Frame& frame, const ModelView& prediction) {
     claim_of_[static_cast<std::size_t>(id)] = -1;
     report.removed_free_space += see_through(id);
   }
+  report.merged = merge_crowded();
   report.associated = static_cast<int>(claims_.size());
   report.seen_through = static_cast<int>(seen_through_.size());
   report.removed_unstable = remove_unseen(frame.utime);
@@ -193,6 +195,85 @@ FuseReport SurfelMap::fuse(const Frame& frame, const ModelView& prediction) {
     }
   }
   return report;
+}
+
+// Surfels that are seen where another one was measured, and lie on top of that.
+void SurfelMap::find_crowded(const ModelView& prediction) {
+  const PinholeGrid& grid = prediction.grid;
+  const auto blocks =
+      blocks_.in_view(prediction.map_T_camera, grid, options_.farthest * options_.working_distance,
+                      std::numeric_limits<std::int64_t>::min());
+  const Eigen::Matrix3f rotation =
+      prediction.map_T_camera.rotation.inverse().toRotationMatrix().cast<float>();
+  const Eigen::Vector3f translation = prediction.map_T_camera.inverse().translation.cast<float>();
+  const auto fx = static_cast<float>(grid.fx);
+  const auto fy = static_cast<float>(grid.fy);
+  const auto cx = static_cast<float>(grid.cx);
+  const auto cy = static_cast<float>(grid.cy);
+  const auto position_of = [this](std::size_t k) {
+    return Eigen::Vector3f(surfels_.x[k], surfels_.y[k], surfels_.z[k]);
+  };
+  const auto normal_of = [this](std::size_t k) {
+    return Eigen::Vector3f(surfels_.nx[k], surfels_.ny[k], surfels_.nz[k]);
+  };
+  const Eigen::Vector3f eye = prediction.map_T_camera.translation.cast<float>();
+  // Where the ray to surfel k meets the other's plane: layers err along rays.
+  const auto is_on_top = [&](std::size_t k, std::size_t other) {
+    const Eigen::Vector3f normal = normal_of(other);
+    const Eigen::Vector3f ray = position_of(k) - eye;
+    const Eigen::Vector3f offset = position_of(k) - position_of(other);
+    const float across = normal.dot(offset);
+    const float slope = normal.dot(ray);
+    const float thickness = static_cast<float>(options_.merge_thickness) * surfels_.radius[other];
+    const float distance = static_cast<float>(options_.merge_distance) * surfels_.radius[other];
+    return slope < 0 && std::abs(across) < thickness &&
+           (offset - across / slope * ray).norm() < distance &&
+           normal.dot(normal_of(k)) > cosine_gate_;
+  };
+  crowded_.resize(std::max(crowded_.size(), blocks.size()));
+  for (auto& found : crowded_) found.clear();
+  run_chunks(blocks.size(), [&](std::size_t number) {
+    for (const std::int32_t id : blocks[number]) {
+      const auto k = static_cast<std::size_t>(id);
+      const Eigen::Vector3f centre = rotation * position_of(k) + translation;
+      if (!(centre.z() > 0)) continue;
+      const float u = std::round(fx * centre.x() / centre.z() + cx);
+      const float v = std::round(fy * centre.y() / centre.z() + cy);
+      if (!(u >= 0 && u < static_cast<float>(grid.width) && v >= 0 &&
+            v < static_cast<float>(grid.height))) {
+        continue;
+      }
+      const std::int32_t into = prediction.surfel.at(static_cast<int>(u), static_cast<int>(v));
+      if (into < 0 || into == id || claim_of_[static_cast<std::size_t>(into)] < 0) continue;
+      if (is_on_top(k, static_cast<std::size_t>(into))) crowded_[number].push_back({id, into});
+    }
+  });
+}
+
+// One after the other in one order for ever: of two that are on top of each other one stays.
+int SurfelMap::merge_crowded() {
+  int merged = 0;
+  SurfelArrays& s = surfels_;
+  for (const auto& found : crowded_) {
+    for (const auto& [surfel, into] : found) {
+      const auto from = static_cast<std::size_t>(surfel);
+      const auto to = static_cast<std::size_t>(into);
+      if (!s.holds(from) || !s.holds(to)) continue;
+      const std::int64_t updated = std::max(s.updated[from], s.updated[to]);
+      const Measurement measured = {{s.x[from], s.y[from], s.z[from]},
+                                    {s.nx[from], s.ny[from], s.nz[from]},
+                                    s.radius[from],
+                                    s.albedo[from],
+                                    s.confidence[from]};
+      s.initialised[to] = std::min(s.initialised[from], s.initialised[to]);
+      update(into, measured, updated);
+      remove(surfel);
+      blocks_.move(into, {s.x[to], s.y[to], s.z[to]}, s.radius[to], updated);
+      mark_changed(into);
+      ++merged;
+    }
+  }
+  return merged;
 }
 
 float SurfelMap::depth_gate(const Frame& frame) const {

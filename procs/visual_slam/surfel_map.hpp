@@ -29,6 +29,11 @@ struct SurfelMapOptions {
   double radius_growth = 1.5;  // above this times the old radius the view is too coarse to move it
   double trusted_relative_std = 0.05;  // frames n times as uncertain weigh 1 / n^2
 
+  // Surfels of one surface become one when their centres are this near, in radii of the surfel:
+  // those that one frame makes are 0.7 apart, 0.35 on the flattest wall.
+  double merge_distance = 0.35;  // along the surface, where rays meet it
+  double merge_thickness = 3;    // across it
+
   double stable_confidence = 10;
   double confidence_limit = 200;  // so that what changes is still followed
   double active_window = 6.7;     // seconds since the last update: 200 frames
@@ -47,6 +52,7 @@ struct FuseReport {
   int seen_through = 0;  // surfels in the free space of the frame
   int removed_unstable = 0;
   int removed_free_space = 0;
+  int merged = 0;  // into others
 };
 
 struct MapIncrement {
@@ -75,7 +81,8 @@ class SurfelMap {
   // one surface if depths and normals agree: the surfel becomes the mean weighted by confidence,
   // each surfel once a frame, by the pixel nearest to it. A pixel before or beside all that is
   // predicted makes a surfel. A surfel clearly before what its pixel and all neighbours measure
-  // is in free space.
+  // is in free space. A surfel on top of one that was measured becomes one with it: else each frame
+  // that errs to the front would leave a layer behind, and the map grow for ever.
   FuseReport fuse(const Frame& frame, const ModelView& prediction);
 
   // Another frame, and other metres: all surfels go there, and count as changed.
@@ -126,6 +133,8 @@ class SurfelMap {
   void remove(std::int32_t id);
   void mark_changed(std::int32_t id);
   float depth_gate(const Frame& frame) const;
+  void find_crowded(const ModelView& prediction);
+  int merge_crowded();
 
   SurfelMapOptions options_;
   std::int64_t active_window_;  // microseconds
@@ -148,6 +157,10 @@ class SurfelMap {
   std::vector<std::int32_t> claim_of_;      // by id: index into claims_, -1 between frames
   std::vector<std::int32_t> claims_;        // pixels, each for a surfel of its own
   std::vector<std::int32_t> seen_through_;  // ids
+  struct Crowded {
+    std::int32_t surfel, into;
+  };
+  std::vector<std::vector<Crowded>> crowded_;  // by block in view
 };
 
 }  // namespace gastronaut::slam

@@ -220,6 +220,47 @@ TEST(SurfelMap, WallThatMovedCloserHidesTheOldOne) {
   EXPECT_LT(depth_errors(view_of(map), moved).most, 1e-3 * kPixel);
 }
 
+TEST(SurfelMap, WallMeasuredTooNearNowAndThenMakesNoPileOfSurfels) {
+  // Beyond the gate, as highlights do; what is seen afterwards pulls the new layer to the wall.
+  const Surface near = plane({0, 0, 0.96 * kDistance}, {0, 0, -1});
+  constexpr int kRounds = 40;
+  constexpr int kFramesBetween = 10;
+  SurfelMap map(test_options());
+  std::int64_t now = watch(map, kWall, kFramesUntilStable);
+  for (int round = 0; round < kRounds; ++round) {
+    now = watch(map, near, 1, now);
+    now = watch(map, kWall, kFramesBetween, now);
+  }
+  constexpr int kLayers = 2;
+  EXPECT_LT(map.size(), kLayers * kSceneGrid.width * kSceneGrid.height);
+  EXPECT_EQ(depth_errors(view_of(map), kWall).seen, 1);
+}
+
+TEST(SurfelMap, SurfelsOnTopOfEachOtherBecomeOne) {
+  SurfelMap map(test_options());
+  std::int64_t now = watch(map, kWall, kFramesUntilStable);
+  const SurfelArrays once = map.surfels();
+  const int size = map.size();
+  map.add(once);
+  EXPECT_EQ(map.size(), 2 * size);
+  const FuseReport report = fuse_seen(map, frame_of(kWall, {}, now), {});
+  EXPECT_EQ(report.merged, size);
+  EXPECT_EQ(map.size(), size);
+  const SurfelArrays& merged = map.surfels();
+  for (std::size_t k = 0; k < merged.size(); ++k) {
+    if (!merged.holds(k)) continue;
+    EXPECT_GT(merged.confidence[k], 2 * once.confidence[k % once.size()]);
+  }
+  // Neighbours of one picture are not on top of each other, however flat they are seen.
+  for (const double tilt : {0.0, 0.8, 1.2}) {  // radians
+    SurfelMap tilted(test_options());
+    const Surface wall = plane({0, 0, kDistance}, {std::sin(tilt), 0, -std::cos(tilt)});
+    for (int k = 0; k < 5; ++k) {
+      EXPECT_EQ(fuse_seen(tilted, frame_of(wall, {}, k * kFramePeriod), {}).merged, 0) << tilt;
+    }
+  }
+}
+
 TEST(SurfelMap, UnstableSurfelsVanishUnseenAndStableOnesStay) {
   const SurfelMapOptions options = test_options();
   const Surface nothing = [](const Eigen::Vector3d&, const Eigen::Vector3d&) { return 0.0; };

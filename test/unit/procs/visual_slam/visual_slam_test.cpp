@@ -204,7 +204,8 @@ TEST_P(VisualSlamOnDepth, JumpIsSaidAndTheCameraFoundWhereItIsKnown) {
   const SlamPose found = run.see(frame_at(camera_at(33), 55, GetParam()));
   EXPECT_EQ(found.status, SlamStatus::kRelocalised) << found.cause;
   expect_at(found, camera_at(33), GetParam());
-  EXPECT_GE(run.slam.map().size(), surfels);  // what was known is still there
+  // What was known is still there, but for surfels that lay on top of each other.
+  EXPECT_GE(run.slam.map().size(), surfels - surfels / 100);
   for (int k = 56; k < 60; ++k) {
     const SlamPose pose = run.see(frame_at(camera_at(33 + k - 55), k, GetParam()));
     EXPECT_EQ(pose.status, SlamStatus::kOk) << pose.cause;
