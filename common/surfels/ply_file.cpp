@@ -19,7 +19,8 @@ void write_ply_vertex(std::ofstream& file, const Eigen::Vector3f& position,
                       const Eigen::Vector3f& normal, const std::array<std::uint8_t, 3>& colour) {
   file.write(reinterpret_cast<const char*>(position.data()), sizeof(float) * 3);
   file.write(reinterpret_cast<const char*>(normal.data()), sizeof(float) * 3);
-  file.write(reinterpret_cast<const char*>(colour.data()), colour.size());
+  file.write(reinterpret_cast<const char*>(colour.data()),
+             static_cast<std::streamsize>(colour.size()));
 }
 
 }  // namespace gastronaut
