@@ -11,6 +11,7 @@ namespace gastronaut::slam {
 namespace {
 
 constexpr double kMicroseconds = 1e6;  // a second
+constexpr int kLeastRows = 80;         // for the levels of a tracker
 
 // Means over blocks of pixels that all have depth, respectively albedo, of one surface.
 Frame coarser(const Frame& frame, int factor) {
@@ -82,7 +83,8 @@ std::string why_not_there(const TrackingResult& result, const std::optional<Plac
 LoopSearch::LoopSearch(const PinholeGrid& grid, const TrackerOptions& tracker,
                        const LoopSearchOptions& options)
     : options_(options),
-      factor_(std::max(1, grid.width / options.most_columns)),
+      factor_(
+          std::clamp(grid.width / options.most_columns, 1, std::max(1, grid.height / kLeastRows))),
       tracker_(grid.coarser(factor_), tracker) {}
 
 LoopMatch LoopSearch::look(const Frame& keyframe, const SE3& map_T_camera, const SurfelMap& map,

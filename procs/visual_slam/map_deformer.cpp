@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
 #include <utility>
 
 namespace gastronaut::slam {
@@ -48,15 +49,48 @@ double mean_distance(const std::vector<Sample>& samples) {
   return sum / static_cast<double>(samples.size());
 }
 
+// Whether a motion of these points tells that of the camera: they are not along one line.
+bool are_spread(const std::vector<Sample>& samples, double distance) {
+  if (samples.size() < 3) return false;
+  Eigen::Matrix3Xd points(3, std::ssize(samples));
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    points.col(static_cast<Eigen::Index>(i)) = samples[i].point;
+  }
+  points.colwise() -= points.rowwise().mean().eval();
+  const Eigen::Matrix3d scatter = points * points.transpose() / static_cast<double>(samples.size());
+  constexpr double kLeast = 0.03;  // of the distance, in the second direction
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scatter, Eigen::EigenvaluesOnly)
+             .eigenvalues()(1) > kLeast * kLeast * distance * distance;
+}
+
 double worst_std(const Eigen::Matrix3d& covariance) {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance, Eigen::EigenvaluesOnly);
   return std::sqrt(std::max(solver.eigenvalues()(2), 0.0));
+}
+
+// A node that hardly moves what is around it holds still, so that what is far from a bend need not
+// be touched.
+void hold_still(DeformationGraph& graph) {
+  constexpr double kStill = 1e-3;  // of the spacing
+  for (std::size_t n = 0; n < graph.nodes().size(); ++n) {
+    const DeformationNode& node = graph.nodes()[n];
+    const double turn = (node.affine - Eigen::Matrix3d::Identity()).norm();
+    if (node.translation.norm() < kStill * graph.spacing() && turn < kStill) {
+      graph.set_motion(n, Eigen::Matrix3d::Identity(), Eigen::Vector3d::Zero());
+    }
+  }
 }
 
 }  // namespace
 
 MapDeformer::MapDeformer(const MapDeformerOptions& options) : options_(options) {
   DeformationGraph({}, graph_options());  // which refuses impossible options
+  if (!(options.loop_std > 0) || !(options.pin_floor > 0) || options.pins_to_bend < 1 ||
+      options.most_pins < options.pins_to_bend) {
+    throw std::invalid_argument(
+        "map deformer: loop_std and pin_floor must be positive, pins_to_bend at least 1 and "
+        "most_pins no less");
+  }
 }
 
 DeformationGraphOptions MapDeformer::graph_options() const {
@@ -70,9 +104,11 @@ void MapDeformer::add(const Frame& keyframe, const SE3& map_T_camera, bool is_kn
                       const std::optional<KeyframePin>& pin) {
   const std::vector<Sample> samples = samples_of(keyframe, kPinColumns, kPinRows);
   if (samples.empty()) return;
-  newest_ = {keyframe.utime, map_T_camera, mean_distance(samples), {}};
+  const double distance = mean_distance(samples);
+  add_nodes(keyframe, map_T_camera, distance, is_known_surface);
+  if (!are_spread(samples, distance)) return;
+  newest_ = {keyframe.utime, map_T_camera, distance, {}};
   for (const Sample& sample : samples) newest_.points.push_back(sample.point);
-  add_nodes(keyframe, map_T_camera, newest_.distance, is_known_surface);
   const auto interval = std::llround(options_.pin_interval * kMicroseconds);
   if (!pin || (!pinned_.empty() && keyframe.utime - pinned_.back().keyframe.utime < interval)) {
     return;
@@ -180,10 +216,7 @@ std::vector<DeformationConstraint> MapDeformer::constraints_of_pins() const {
 }
 
 DeformationTask MapDeformer::bend_to_pins() const {
-  return {pinned_.back().keyframe.utime,
-          DeformationKind::kFrame,
-          false,
-          DeformationGraph(nodes_, graph_options()),
+  return {pinned_.back().keyframe.utime, DeformationKind::kFrame, false, nodes_, graph_options(),
           {constraints_of_pins(), {}}};
 }
 
@@ -212,9 +245,10 @@ DeformationTask MapDeformer::close_loop(const SE3& map_T_camera, const LoopMatch
       problem.pins.push_back(pin);
     }
   }
-  return {keyframe.utime,
-          match.is_global ? DeformationKind::kGlobalLoop : DeformationKind::kLocalLoop, false,
-          DeformationGraph(nodes_, graph_options()), std::move(problem)};
+  return {
+      keyframe.utime,  match.is_global ? DeformationKind::kGlobalLoop : DeformationKind::kLocalLoop,
+      false,           nodes_,
+      graph_options(), std::move(problem)};
 }
 
 // The layer that is there from before, as far as it is not the new one.
@@ -247,35 +281,17 @@ DeformationTask MapDeformer::follow_wall(const SE3& map_T_camera, const LoopMatc
     pin.source = pin.destination;
     pin.source_seen = TimeSpan::at(keyframe.utime);
   }
-  return {keyframe.utime, DeformationKind::kFrame, true, DeformationGraph(nodes_, graph_options()),
-          std::move(problem)};
+  return {keyframe.utime, DeformationKind::kFrame, true,
+          nodes_,         graph_options(),         std::move(problem)};
 }
-
-namespace {
-
-// A node that hardly moves what is around it holds still, so that what is far from a bend need not
-// be touched.
-void hold_still(DeformationGraph& graph) {
-  constexpr double kStill = 1e-3;  // of the spacing
-  for (std::size_t n = 0; n < graph.nodes().size(); ++n) {
-    const DeformationNode& node = graph.nodes()[n];
-    const double turn = (node.affine - Eigen::Matrix3d::Identity()).norm();
-    if (node.translation.norm() < kStill * graph.spacing() && turn < kStill) {
-      graph.set_motion(n, Eigen::Matrix3d::Identity(), Eigen::Vector3d::Zero());
-    }
-  }
-}
-
-}  // namespace
 
 MapDeformation solve(DeformationTask task, const DeformationSolverOptions& options) {
-  DeformationReport report = DeformationSolver(options).solve(task.problem, task.graph);
-  hold_still(task.graph);
-  return {task.utime,
-          task.kind,
-          task.is_wall,
-          std::move(task.graph),
-          static_cast<int>(task.problem.constraints.size()),
+  DeformationGraph graph(std::move(task.nodes), task.graph_options);
+  DeformationReport report = DeformationSolver(options).solve(task.problem, graph);
+  hold_still(graph);
+  return {task.utime,       0,
+          task.kind,        task.is_wall,
+          std::move(graph), static_cast<int>(task.problem.constraints.size()),
           std::move(report)};
 }
 
@@ -294,7 +310,7 @@ SE3 MapDeformer::follow(const MapDeformation& bend) {
 SE3 MapDeformer::follow(const DeformationGraph& graph, Keyframe& keyframe) {
   const Eigen::Index count = std::ssize(keyframe.points);
   SE3 motion;
-  if (count < 3) return motion;
+  if (count == 0) return motion;
   Eigen::Matrix3Xd before(3, count);
   Eigen::Matrix3Xd after(3, count);
   for (Eigen::Index i = 0; i < count; ++i) {
@@ -309,12 +325,16 @@ SE3 MapDeformer::follow(const DeformationGraph& graph, Keyframe& keyframe) {
   return motion;
 }
 
-void MapDeformer::transform(const Similarity& similarity) {
+void MapDeformer::transform(const Similarity& similarity, bool keeps_pins) {
   for (DeformationNode& node : nodes_) node.position = similarity * node.position;
-  newest_.map_T_camera = similarity * newest_.map_T_camera;
-  for (Eigen::Vector3d& point : newest_.points) point *= similarity.scale;
-  // What pins said was of another frame.
-  pinned_.clear();
+  const auto move = [&similarity](Keyframe& keyframe) {
+    keyframe.map_T_camera = similarity * keyframe.map_T_camera;
+    keyframe.distance *= similarity.scale;
+    for (Eigen::Vector3d& point : keyframe.points) point *= similarity.scale;
+  };
+  move(newest_);
+  if (!keeps_pins) pinned_.clear();
+  for (Pinned& pinned : pinned_) move(pinned.keyframe);
 }
 
 void MapDeformer::join(MapDeformer older) {

@@ -49,11 +49,13 @@ struct DeformationTask {
   std::int64_t utime = 0;  // of the keyframe that led to it
   DeformationKind kind = DeformationKind::kFrame;
   bool is_wall = false;  // the wall has moved, and what is known of its place with it
-  DeformationGraph graph;
+  std::vector<DeformationNode> nodes;
+  DeformationGraphOptions graph_options;
   DeformationProblem problem;
 };
 struct MapDeformation {
   std::int64_t utime = 0;
+  int map_version = 0;  // in which the bent map is
   DeformationKind kind = DeformationKind::kFrame;
   bool is_wall = false;
   DeformationGraph graph;
@@ -74,7 +76,8 @@ class MapDeformer {
   explicit MapDeformer(const MapDeformerOptions& options);
 
   // A keyframe merged into the map at map_T_camera. `is_known_surface`: what it saw was found in
-  // the map, and is of one layer with that.
+  // the map, and is of one layer with that. One that saw too little to say how the map moves there
+  // adds its nodes alone.
   void add(const Frame& keyframe, const SE3& map_T_camera, bool is_known_surface,
            const std::optional<KeyframePin>& pin);
 
@@ -95,7 +98,8 @@ class MapDeformer {
   // Nodes and keyframes follow, as surfels do. Returns how that moves, rigidly, what the newest
   // keyframe saw: map frame, by map frame before.
   SE3 follow(const MapDeformation& bend);
-  void transform(const Similarity& similarity);
+  // To another frame; `keeps_pins`: in which pins have their cameras where they had them before.
+  void transform(const Similarity& similarity, bool keeps_pins);
   // All that another one of the same frame knows, from before.
   void join(MapDeformer older);
   // Begins anew with a map of unknown keyframes.

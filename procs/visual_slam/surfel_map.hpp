@@ -62,8 +62,8 @@ struct MapIncrement {
 
 // Ids are stable: a surfel keeps its id until it is removed, and the id is not given to another
 // before the removal was handed out by take_increment (so call that regularly). All results are
-// the same bytes whatever the number of threads. predict may run beside other reading calls, but
-// not beside fuse or take_increment.
+// the same bytes whatever the number of threads. predict may run beside other reading calls and
+// take_increment, but not beside what changes surfels.
 class SurfelMap {
  public:
   // Throws std::invalid_argument for options that make no sense.

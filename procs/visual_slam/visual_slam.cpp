@@ -103,14 +103,6 @@ MapDeformerOptions deformer_options(const VisualSlamOptions& options) {
   return chosen;
 }
 
-// The motion as it is seen from a frame that the similarity leads to.
-SE3 seen_from(const Similarity& similarity, const SE3& motion) {
-  const Eigen::Quaterniond back = similarity.rotation.conjugate();
-  const Eigen::Vector3d origin = back * (-similarity.translation) / similarity.scale;
-  return {(similarity.rotation * motion.rotation * back).normalized(),
-          similarity * (motion * origin)};
-}
-
 VisualSlamOptions checked(const VisualSlamOptions& options) {
   if (!(options.keyframe_shift > 0) || !(options.keyframe_turn > 0) ||
       options.refinement_frames < 1 || options.candidates < 0) {
@@ -149,8 +141,7 @@ SlamPose VisualSlam::track(const Frame& frame, const PictureHealth& health) {
         "began with {}x{}, {:.2f}",
         frame.grid.width, frame.grid.height, frame.grid.fx, grid_.width, grid_.height, grid_.fx));
   }
-  use_refinement();
-  use_bend();
+  use_what_is_ready();
   frame_ = frame;
   if (depth_scale_ != 1) scale_depth(frame_.depth, depth_scale_);
   is_sharp_ = !is_blurred(health.sharpness);
@@ -206,8 +197,7 @@ TrackingResult VisualSlam::attempt(const Frame& frame, const SE3& start) {
 }
 
 SlamPose VisualSlam::lost(std::int64_t utime, const PictureHealth& health) {
-  use_refinement();
-  use_bend();
+  use_what_is_ready();
   pose_ = {};
   pose_.utime = utime;
   pose_.map_version = map_version_;
@@ -220,6 +210,7 @@ SlamPose VisualSlam::lost(std::int64_t utime, const PictureHealth& health) {
 
 void VisualSlam::merge(const std::optional<FusedState>& fused) {
   fused_ = fused;
+  if (fused) fused_utime_ = pose_.utime;
   if (pose_.status == SlamStatus::kLost) return;
   if (fused) use(*fused);
   const bool begins_again = std::exchange(begins_again_, false);
@@ -282,11 +273,15 @@ void VisualSlam::rebase(const Similarity& rig_S_map) {
   // A map that has settled stays, and vision takes its place in it anew: where it has a model of
   // its own, the last keyframe. Where the map itself is the model, vision goes with it.
   if (!is_settled_ || !model_) {
-    map_.transform(rig_S_map);
-    relocaliser_->transform(rig_S_map);
-    deformer_.transform(rig_S_map);
+    // The camera is where vision has it; the map comes from where it has that camera.
+    const SE3 vision_T_map = map_T_vision_.inverse();
+    const Similarity rig_S_bent{rig_S_map.scale, rig_S_map.rotation * vision_T_map.rotation,
+                                rig_S_map * vision_T_map.translation};
+    map_.transform(rig_S_bent);
+    relocaliser_->transform(rig_S_bent);
+    deformer_.transform(rig_S_bent, is_in_rig_frame_);
     bending_ = {};  // of a map that was elsewhere
-    map_T_vision_ = seen_from(rig_S_map, map_T_vision_);
+    map_T_vision_ = {};
     ++map_frame_;
   } else {
     // A map that bends keeps the camera where it is in it, until its pins have it elsewhere.
@@ -407,9 +402,14 @@ void VisualSlam::prepare(const PinholeGrid& grid) {
   window_ = std::make_unique<KeyframeWindow>(grid, options_.window);
   for (const SE3& viewpoint : kept_viewpoints_) {
     map_.predict(viewpoint, grid, 0, MapPart::kAll, view_);
-    relocaliser_->add(frame_of(view_), viewpoint);
+    Frame frame = frame_of(view_);
+    for (const std::int32_t id : view_.surfel.values) {
+      if (id < 0) continue;
+      frame.utime = std::max(frame.utime, map_.surfels().updated[static_cast<std::size_t>(id)]);
+    }
+    relocaliser_->add(frame, viewpoint);
   }
-  loop_search_.emplace(grid, options_.tracker, options_.loops);
+  if (options_.deform) loop_search_.emplace(grid, options_.tracker, options_.loops);
   tracker_ = std::move(tracker);
   grid_ = grid;
 }
@@ -436,6 +436,11 @@ void VisualSlam::begin(const Frame& frame) {
     return;
   }
   set_placed(frame, {});
+  // What a map that has gone again knew of its place is of no use.
+  forget_thread();
+  map_T_vision_ = {};
+  deformer_ = MapDeformer(deformer_options(options_));
+  relocaliser_.emplace(grid_, options_.relocaliser);
   if (is_in_rig_frame_) ++map_frame_;
   is_in_rig_frame_ = false;
   is_settled_ = false;
@@ -605,12 +610,15 @@ std::optional<KeyframePin> VisualSlam::pin() const {
   return KeyframePin{fused_->rig_T_camera, fused_->covariance};
 }
 
+// However well that is known: where a look-alike may be taken for the place, a wide gate is better
+// than none.
 std::optional<PlaceGate> VisualSlam::gate() const {
-  const std::optional<KeyframePin> pinned = pin();
-  if (!pinned) return std::nullopt;
+  if (!fused_ || fused_->utime != pose_.utime || !fused_->is_known || !is_in_rig_frame_) {
+    return std::nullopt;
+  }
   constexpr double kSigmas = 3;
-  return PlaceGate{pinned->map_T_camera.translation,
-                   kSigmas * worst_std(pinned->covariance.topLeftCorner<3, 3>()) +
+  return PlaceGate{fused_->rig_T_camera.translation,
+                   kSigmas * worst_std(fused_->covariance.topLeftCorner<3, 3>()) +
                        options_.loop_gate * options_.map.working_distance};
 }
 
@@ -635,43 +643,43 @@ void VisualSlam::use_refinement() {
   model_ = model_of(keyframe.frame, refined.map_T_camera);
 }
 
-// Where a keyframe is in the map, and where the map should be by what it shows.
+// Where a keyframe is in the map, and where the map should be by what it shows. What it saw may be
+// the old map's surface in its place. Where it is not in its place, a loop is to be closed; unless
+// the two have agreed until now: then vision goes with the map.
 void VisualSlam::learn(const Keyframe& keyframe, const std::optional<LoopMatch>& match) {
   if (!options_.deform) return;
   if (match && !match->refusal.empty()) refusals_.push_back(match->refusal);
-  const bool agrees = match && match->is_accepted() && agree(keyframe, *match);
-  const bool has_wall_moved = match && !match->wall.empty();
+  const std::int64_t utime = keyframe.frame.utime;
+  SE3 map_T_camera = map_T_vision_ * keyframe.vision_T_camera;
+  const bool is_found = match && match->is_accepted();
+  const bool is_displaced = match && deformer_.is_displaced(map_T_camera, *match);
+  const Motion step = match ? motion(map_T_camera, match->map_T_camera, distance_) : Motion{};
+  const bool is_near =
+      match && !match->is_global && std::max(step.shift, step.turn) <= options_.largest_correction;
+  const bool has_agreed =
+      agreed_utime_ &&
+      static_cast<double>(utime - *agreed_utime_) * kMicrosecond <= options_.map.active_window;
+  const bool is_known_surface = is_found && (!is_displaced || (is_near && has_agreed));
+  if (is_known_surface && is_displaced) {
+    map_T_camera = match->map_T_camera;
+    map_T_vision_ = map_T_camera * keyframe.vision_T_camera.inverse();
+  }
+  // Of a camera that is elsewhere than the match has it, all of the wall is off.
+  const bool has_wall_moved = is_near && !match->wall.empty();
   const bool has_it_before = std::exchange(has_wall_moved_, has_wall_moved);
-  const SE3 map_T_camera = map_T_vision_ * keyframe.vision_T_camera;
-  deformer_.add(keyframe.frame, map_T_camera, agrees && !has_wall_moved, keyframe.pin);
-  if (bending_.valid()) return;
-  if (has_wall_moved && has_it_before) {
+  if (is_known_surface) {
+    agreed_utime_ = utime;
+    ++agreements_;
+  }
+  deformer_.add(keyframe.frame, map_T_camera, is_known_surface && !has_wall_moved, keyframe.pin);
+  if (bending_.valid() || utime < bend_due_) return;
+  if (is_found && !is_known_surface) {
+    begin_bend(deformer_.close_loop(map_T_camera, *match, map_.surfels()));
+  } else if (has_wall_moved && has_it_before) {
     begin_bend(deformer_.follow_wall(map_T_camera, *match, map_.surfels()));
   } else if (deformer_.is_off_pins()) {
     begin_bend(deformer_.bend_to_pins());
   }
-}
-
-// Whether what the keyframe saw is the old map's surface, in its place. Where it is not in its
-// place, a loop is to be closed; unless the two have agreed until now: then vision goes with the
-// map.
-bool VisualSlam::agree(const Keyframe& keyframe, const LoopMatch& match) {
-  const SE3 map_T_camera = map_T_vision_ * keyframe.vision_T_camera;
-  const double since =
-      agreed_utime_ ? static_cast<double>(keyframe.frame.utime - *agreed_utime_) * kMicrosecond
-                    : std::numeric_limits<double>::infinity();
-  if (deformer_.is_displaced(map_T_camera, match)) {
-    if (since > options_.map.active_window) {
-      if (!bending_.valid()) {
-        begin_bend(deformer_.close_loop(map_T_camera, match, map_.surfels()));
-      }
-      return false;
-    }
-    map_T_vision_ = match.map_T_camera * keyframe.vision_T_camera.inverse();
-  }
-  agreed_utime_ = keyframe.frame.utime;
-  ++agreements_;
-  return true;
 }
 
 void VisualSlam::begin_bend(DeformationTask task) {
@@ -690,14 +698,31 @@ void VisualSlam::use_bend() {
     map_.deform(bend.graph);
     relocaliser_->deform(bend.graph);
     map_T_vision_ = deformer_.follow(bend) * map_T_vision_;
-    if (!fused_) go_with_map();
+    if (is_fusion_silent()) ++map_version_;
+  } else {
+    bend_due_ = bend.utime + std::llround(options_.bend_again / kMicrosecond);
   }
+  bend.map_version = map_version_;
   deformations_.push_back(std::move(bend));
+}
+
+void VisualSlam::use_what_is_ready() {
+  use_refinement();
+  use_bend();
+  // A keyframe that is being refined stays where it began.
+  if (!newest_ && is_fusion_silent()) go_with_map();
+}
+
+bool VisualSlam::is_fusion_silent() const {
+  return !fused_utime_ ||
+         static_cast<double>(pose_.utime - *fused_utime_) * kMicrosecond > options_.fusion_silent;
 }
 
 void VisualSlam::settle() {
   frames_since_keyframe_ = options_.refinement_frames;
   use_refinement();
+  frames_since_bend_ = options_.bending_frames;
+  use_bend();
 }
 
 void VisualSlam::merge_as_is(const Frame& frame, const SE3& map_T_camera) {
@@ -709,13 +734,14 @@ void VisualSlam::merge_as_is(const Frame& frame, const SE3& map_T_camera) {
 
 // Where no fusion makes up for vision's drift, what the map knows better counts.
 void VisualSlam::go_with_map() {
+  if (map_T_vision_.translation.isZero(0) && map_T_vision_.rotation.vec().isZero(0)) return;
   const Similarity map_S_vision{1, map_T_vision_.rotation, map_T_vision_.translation};
   window_->transform(map_S_vision);
   for (SE3* pose : {&reference_, &anchor_}) *pose = map_T_vision_ * *pose;
   if (map_T_camera_) *map_T_camera_ = map_T_vision_ * *map_T_camera_;
   if (model_) model_->map_T_camera = map_T_vision_ * model_->map_T_camera;
+  rig_T_map_ = rig_T_map_ * map_T_vision_.inverse();
   map_T_vision_ = {};
-  ++map_version_;
 }
 
 }  // namespace gastronaut::slam

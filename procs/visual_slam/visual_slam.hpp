@@ -16,7 +16,7 @@
 // The map bends (map_deformer.hpp): to where fusion has the cameras that saw it, onto itself where
 // the camera comes back to it, and after a wall that has moved. Vision goes on as it did; where its
 // frame lies in the map is what changes, so that no pose jumps, and fusion, which has the magnet
-// against vision's drift, does not hear of it. Without fusion poses go with the map.
+// against vision's drift, does not hear of it. Where fusion has been silent poses go with the map.
 #pragma once
 
 #include <cstdint>
@@ -90,6 +90,11 @@ struct VisualSlamOptions {
 
   bool deform = true;       // the map bends as its deformation graph says; else it is rigid
   int bending_frames = 10;  // from when a bend is worked out to when it is applied
+  double bend_again = 2;    // seconds after one that was refused
+  // Vision goes with a map that it has just agreed with by up to this, in distances to what is seen
+  // and radians; what is farther off is a loop to be closed.
+  double largest_correction = 0.1;
+  double fusion_silent = 1;  // seconds without a fused pose after which poses go with the map
   // A loop closes no farther from the fused position than three of its sigmas and this, in working
   // distances.
   double loop_gate = 0.1;
@@ -197,10 +202,11 @@ class VisualSlam {
   std::optional<PlaceGate> gate() const;
   void look_for_loop();
   void learn(const Keyframe& keyframe, const std::optional<LoopMatch>& match);
-  bool agree(const Keyframe& keyframe, const LoopMatch& match);
+  bool is_fusion_silent() const;
   void begin_bend(DeformationTask task);
   void use_bend();
   void go_with_map();
+  void use_what_is_ready();
   void anchor(const SE3& map_T_camera, const Matrix6d& covariance);
   void merge_as_is(const Frame& frame, const SE3& map_T_camera);
 
@@ -260,9 +266,11 @@ class VisualSlam {
   MapDeformer deformer_;
   std::optional<LoopSearch> loop_search_;     // since the first frame
   std::optional<std::int64_t> agreed_utime_;  // when what was seen last agreed with the old map
+  std::optional<std::int64_t> fused_utime_;   // of the last state of fusion's that is known
   bool has_wall_moved_ = false;               // as the keyframe before showed it
   std::int64_t agreements_ = 0;
   int frames_since_bend_ = 0;
+  std::int64_t bend_due_ = INT64_MIN;  // utime: none before, as the last one was refused
   std::vector<MapDeformation> deformations_;
   std::vector<std::string> refusals_;
   // After all that they read: they are waited for first.

@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -84,6 +85,15 @@ std::optional<slam::AlbedoLevels> albedo_levels(const image_t& message,
       {camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy}, message.data};
 }
 
+bool is_covariance(const Matrix6d& matrix) {
+  const double largest = matrix.diagonal().maxCoeff();
+  constexpr double kRounding = 1e-9;
+  return matrix.diagonal().minCoeff() >= 0 &&
+         Eigen::SelfAdjointEigenSolver<Matrix6d>(matrix, Eigen::EigenvaluesOnly)
+                 .eigenvalues()
+                 .minCoeff() >= -kRounding * largest;
+}
+
 // Nothing for a state that cannot be one. A capsule is no farther than `farthest` metres from the
 // array's middle.
 std::optional<slam::FusedState> fused_state(const capsule_state_t& message, double farthest) {
@@ -105,7 +115,7 @@ std::optional<slam::FusedState> fused_state(const capsule_state_t& message, doub
                         state.rig_T_camera.translation.norm() < farthest &&
                         state.velocity.norm() < farthest &&
                         state.angular_velocity.norm() < 2 * M_PI / kUnit &&
-                        state.covariance.allFinite() && state.covariance.diagonal().minCoeff() >= 0;
+                        state.covariance.allFinite() && is_covariance(state.covariance);
   if (!possible) return std::nullopt;
   state.rig_T_camera.rotation.normalize();
   if (message.depth_scale >= 1 / kMostScale && message.depth_scale <= kMostScale) {
@@ -155,10 +165,10 @@ void add_surfel(const slam::SurfelArrays& surfels, std::int32_t id, map_surfels_
   message.confidence.push_back(surfels.confidence[k]);
 }
 
-map_deformation_t message_of(const slam::MapDeformation& bend, int map_version) {
+map_deformation_t message_of(const slam::MapDeformation& bend) {
   map_deformation_t message{};
   message.utime = bend.utime;
-  message.map_version = map_version;
+  message.map_version = bend.map_version;
   message.kind = static_cast<std::int8_t>(bend.kind);
   const std::vector<slam::DeformationNode>& nodes = bend.graph.nodes();
   message.num_nodes = static_cast<std::int32_t>(nodes.size());
@@ -349,7 +359,7 @@ void VisualSlamProcess::publish_deformations() {
     last_bend_ =
         fmt::format("the last by {:.2g} mm, {:.2g} mm are left",
                     1e3 * bend.report.mean_error_before, 1e3 * bend.report.mean_error_after);
-    bus_.publish(channel::kMapDeformation, message_of(bend, slam_.map_version()));
+    bus_.publish(channel::kMapDeformation, message_of(bend));
   }
 }
 
@@ -392,6 +402,7 @@ void VisualSlamProcess::finish() {
   }
   merge_alone();
   slam_.settle();
+  publish_deformations();
   // Twice: the rest of the portion under way, and what has changed since it was taken.
   constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
   if (published_ < increment_.changed.size()) publish_map(last_utime_ + 1, kAll - published_);

@@ -235,13 +235,16 @@ TEST(MapDeformer, PinsAreThinnedWhereTheyAreDensest) {
   EXPECT_GT(last - first, 30 * kStep);
 }
 
-TEST(MapDeformer, SimilarityTakesNodesAlongAndForgetsPins) {
+TEST(MapDeformer, SimilarityTakesNodesAlongAndPinsOnlyInTheirFrame) {
   MapDeformer deformer(options());
   drive(deformer, 0, 5, {1 * kMillimetre, 0, 0});
   ASSERT_TRUE(deformer.is_off_pins());
   const std::vector<DeformationNode> before = deformer.nodes();
   const Similarity similarity{1.5, so3_exp({0.1, 0.2, 0.3}), {1, 2, 3}};
-  deformer.transform(similarity);
+  MapDeformer in_frame = deformer;
+  in_frame.transform(similarity, true);
+  EXPECT_TRUE(in_frame.is_off_pins());
+  deformer.transform(similarity, false);
   EXPECT_FALSE(deformer.is_off_pins());
   for (std::size_t n = 0; n < before.size(); ++n) {
     EXPECT_EQ(deformer.nodes()[n].position, similarity * before[n].position);
@@ -251,6 +254,12 @@ TEST(MapDeformer, SimilarityTakesNodesAlongAndForgetsPins) {
 TEST(MapDeformer, ImpossibleOptionsAreRefused) {
   MapDeformerOptions wrong = options();
   wrong.spacing = 0;
+  EXPECT_THROW(MapDeformer{wrong}, std::invalid_argument);
+  wrong = options();
+  wrong.pins_to_bend = 0;
+  EXPECT_THROW(MapDeformer{wrong}, std::invalid_argument);
+  wrong = options();
+  wrong.loop_std = 0;
   EXPECT_THROW(MapDeformer{wrong}, std::invalid_argument);
 }
 

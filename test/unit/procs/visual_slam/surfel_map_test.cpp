@@ -6,9 +6,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <set>
 #include <stdexcept>
 
+#include "deformation_scene.hpp"
 #include "numerics/parallel.hpp"
 #include "surfel_scene.hpp"
 #include "visual_slam/surfel_view.hpp"
@@ -561,6 +563,49 @@ TEST(SurfelMap, WhatTheFrameDoesNotContradictStays) {
   for (int v = 0; v < kSceneGrid.height; ++v) frame.depth.at(7, v) = 0;  // nothing measured
   map.give_way(frame, {});
   EXPECT_EQ(ids_of(map), before);
+}
+
+TEST(SurfelMap, FollowsTheGraphEverywhere) {
+  const SurfelArrays sheets = sheet(60 * kMillimetre, 40 * kMillimetre);
+  DeformationGraph graph = DeformationGraph::sample(sheets, graph_options());
+  Eigen::Vector3d shift(0.2 * kMillimetre, 0, kMillimetre);
+  for (std::size_t n = 0; n < graph.nodes().size(); n += graph.nodes().size() / 3) {
+    graph.set_motion(n, so3_exp({0.05, 0, 0.02}).toRotationMatrix(), shift);
+    shift = -shift;
+  }
+  SurfelArrays expected = sheets;
+  std::vector<std::int32_t> all(sheets.size());
+  std::iota(all.begin(), all.end(), 0);
+  ASSERT_FALSE(graph.apply(expected, all).empty());
+  SurfelMap map(test_options(), sheets);
+  map.take_increment();
+  map.deform(graph);
+  EXPECT_EQ(map.surfels(), expected);
+  for (const std::int32_t id : map.take_increment().changed) {
+    EXPECT_NE(position_of(sheets, static_cast<std::size_t>(id)),
+              position_of(expected, static_cast<std::size_t>(id)));
+  }
+}
+
+TEST(SurfelMap, OldPartIsWhatWasMadeBeforeTheWindow) {
+  SurfelMap map(test_options());
+  watch(map, kWall, kFramesUntilStable);
+  const auto later = static_cast<std::int64_t>(2e6 * test_options().active_window);
+  const SE3 aside{Eigen::Quaterniond::Identity(), {kDistance, 0, 0}};
+  watch(map, kWall, kFramesUntilStable, later, 0, aside);
+  ModelView old;
+  map.predict(aside, kSceneGrid, later, MapPart::kOld, old);
+  const ModelView all = view_of(map, aside, later);
+  int shown = 0;
+  for (std::size_t k = 0; k < old.surfel.size(); ++k) {
+    EXPECT_GE(all.surfel.values[k], 0);
+    const std::int32_t id = old.surfel.values[k];
+    if (id < 0) continue;
+    ++shown;
+    EXPECT_LT(map.surfels().initialised[static_cast<std::size_t>(id)], map.old_before(later));
+  }
+  EXPECT_GT(shown, 0);
+  EXPECT_LT(shown, static_cast<int>(old.surfel.size()));
 }
 
 TEST(SurfelMap, SurfelsOfAnotherMapGetIdsOfThisOne) {

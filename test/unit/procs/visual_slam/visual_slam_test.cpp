@@ -630,7 +630,8 @@ struct BentRun {
   // Metres, median over the surfels, by which they are behind the wall.
   double behind_wall = 0;
 };
-BentRun drift_from_fusion(double drift, bool deform, int threads = 0) {
+// `missing_every` frames a state of fusion's does not come; 0: all come.
+BentRun drift_from_fusion(double drift, bool deform, int threads = 0, int missing_every = 0) {
   constexpr int kUntilThen = 20;  // frames
   set_thread_count(threads);
   VisualSlamOptions chosen = options();
@@ -642,7 +643,9 @@ BentRun drift_from_fusion(double drift, bool deform, int threads = 0) {
     if (k >= kUntilThen) {
       fused.rig_T_camera.translation += kRigTScene.rotation * Eigen::Vector3d(0, 0, drift);
     }
-    result.poses.push_back(run.see(shrunk(frame_at(camera_at(k), k, kUncertain)), {}, fused));
+    const bool comes = missing_every == 0 || k % missing_every != 0;
+    result.poses.push_back(run.see(shrunk(frame_at(camera_at(k), k, kUncertain)), {},
+                                   comes ? std::optional(fused) : std::nullopt));
     for (MapDeformation& bend : run.slam.take_deformations()) {
       if (bend.report.is_accepted()) result.bends.push_back(std::move(bend));
     }
@@ -660,6 +663,18 @@ BentRun drift_from_fusion(double drift, bool deform, int threads = 0) {
                    behind.end());
   result.behind_wall = behind[behind.size() / 2];
   return result;
+}
+
+TEST(VisualSlam, StatesOfFusionThatAreMissingNowAndThenAreNoSilence) {
+  constexpr int kMissingEvery = 2;
+  const BentRun rigid = drift_from_fusion(1e-3, false, 0, kMissingEvery);
+  const BentRun bent = drift_from_fusion(1e-3, true, 0, kMissingEvery);
+  ASSERT_FALSE(bent.bends.empty());
+  ASSERT_EQ(bent.poses.size(), rigid.poses.size());
+  for (std::size_t k = 0; k < bent.poses.size(); ++k) {
+    EXPECT_EQ(bent.poses[k].map_version, rigid.poses[k].map_version);
+    EXPECT_EQ(bent.poses[k].map_T_camera.matrix(), rigid.poses[k].map_T_camera.matrix()) << k;
+  }
 }
 
 TEST(VisualSlam, MapBendsToWhereFusionHasItsCamerasAndNoPoseJumps) {
