@@ -6,6 +6,7 @@
 
 #include "bus/wall_clock.hpp"
 #include "process/channels.hpp"
+#include "process/service_manager.hpp"
 #include "process/usage.hpp"
 
 namespace gastronaut {
@@ -16,6 +17,7 @@ StatusReporter::StatusReporter(LcmBus& bus, const std::string& name) : bus_(bus)
   gethostname(host.data(), host.size() - 1);
   status_.host = host.data();
   status_.pid = getpid();
+  notify_service_manager("READY=1");
 }
 
 bool StatusReporter::due() const {
@@ -44,6 +46,7 @@ void StatusReporter::tick(const BusCounters& counters, ProcessState state,
   status_.resident_bytes = resident_bytes();
   last_cpu_ = cpu;
   bus_.publish_status(channel::kProcessStatus, status_);
+  notify_service_manager("WATCHDOG=1\nSTATUS=" + (message.empty() ? "running" : message));
 }
 
 }  // namespace gastronaut

@@ -1,4 +1,4 @@
-// PROCESS_STATUS, once a second.
+// PROCESS_STATUS, once a second; systemd, where it started this process, hears the same.
 #pragma once
 
 #include <chrono>
