@@ -129,6 +129,8 @@ class Exporter {
   }
 
   void handle(const LogReader::Event& event) {
+    // liblcm tries each UDP socket with a message on this channel, which lcm-logger records.
+    if (event.channel == "LCM_SELF_TEST") return;
     const WireLayout* layout = layout_of(event.payload);
     const auto table =
         layout == nullptr ? tables_.end() : tables_.try_emplace(event.channel, *layout).first;
