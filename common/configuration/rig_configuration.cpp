@@ -1,7 +1,9 @@
 #include "configuration/rig_configuration.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <initializer_list>
 
 namespace gastronaut {
 
@@ -115,6 +117,32 @@ void CanHallArrayConfiguration::check() const {
                                 current_signal + "'");
   }
   if (counter_signal.empty()) throw std::invalid_argument("counter_signal must not be empty");
+}
+
+void UvcCameraConfiguration::check() const {
+  const auto one_of = [](const char* name, const std::string& value,
+                         std::initializer_list<const char*> choices) {
+    std::string listed;
+    for (const char* choice : choices) {
+      if (value == choice) return;
+      listed += (listed.empty() ? "" : ", ") + std::string(choice);
+    }
+    throw std::invalid_argument(std::string(name) + " must be one of " + listed + ", not '" +
+                                value + "'");
+  };
+  one_of("back_end", back_end, {"auto", "usb", "v4l2"});
+  one_of("format", format, {"auto", "mjpeg", "yuyv"});
+  const auto identifier = [](const char* name, const std::string& value) {
+    const bool is_hexadecimal =
+        std::all_of(value.begin(), value.end(), [](unsigned char c) { return std::isxdigit(c); });
+    if (value.empty() || (value.size() == 4 && is_hexadecimal)) return;
+    throw std::invalid_argument(std::string(name) +
+                                " must be four hexadecimal digits in quotes, as lsusb shows them, "
+                                "not '" +
+                                value + "'");
+  };
+  identifier("vendor", vendor);
+  identifier("product", product);
 }
 
 void RigConfiguration::check() const {

@@ -377,6 +377,37 @@ struct CanHallArrayConfiguration {
   }
 };
 
+// Which camera, and how it is set (drivers/uvc_camera). Size and rate: CameraConfiguration.
+struct UvcCameraConfiguration {
+  std::string back_end = "auto";  // usb: through libusb; v4l2: the kernel's; auto: who has it
+  std::string vendor;             // four hexadecimal digits, as lsusb shows them; empty: any
+  std::string product;
+  std::string serial;
+  std::string device;           // of v4l2, as /dev/video0; empty: the first one that fits
+  std::string format = "auto";  // mjpeg, yuyv; auto: mjpeg if the camera has it
+  // What is not given stays as the camera has it at the driver's start.
+  double exposure = 0;    // seconds; 0: not given
+  int gain = -1;          // in the camera's units; -1: not given
+  int white_balance = 0;  // kelvin; 0: not given
+  // The exposure that `calibrate light` saw: a picture's metadata "gain" is the ratio to it.
+  double calibrated_exposure = 0;  // seconds; 0: exposure is the one
+
+  void check() const;
+  template <class Visitor>
+  void fields(Visitor& v) {
+    v("back_end", back_end);
+    v("vendor", vendor);
+    v("product", product);
+    v("serial", serial);
+    v("device", device);
+    v("format", format);
+    v("exposure", exposure, between(0, 10, Dimension::kTime));
+    v("gain", gain, between(-1, 65535));
+    v("white_balance", white_balance, between(0, 20000));
+    v("calibrated_exposure", calibrated_exposure, between(0, 10, Dimension::kTime));
+  }
+};
+
 // How long an input may lag behind in event time before it counts as silent (architecture.md).
 struct LagConfiguration {
   double camera = 0.5;  // seconds
@@ -406,6 +437,7 @@ struct RigConfiguration {
   HallArrayConfiguration hall_array;
   CoilsConfiguration coils;
   CanHallArrayConfiguration can_hall_array;
+  UvcCameraConfiguration uvc_camera;
   LagConfiguration lag;
   MagneticLocalizerConfiguration magnetic_localizer;
   DepthEstimatorConfiguration depth_estimator;
@@ -425,6 +457,7 @@ struct RigConfiguration {
     v.section("hall_array", hall_array);
     v.section("coils", coils);
     v.section("can_hall_array", can_hall_array);
+    v.section("uvc_camera", uvc_camera);
     v.section("lag", lag);
     v.section("magnetic_localizer", magnetic_localizer);
     v.section("depth_estimator", depth_estimator);

@@ -18,7 +18,7 @@
 #include "can/can_socket.hpp"
 #include "can/candump.hpp"
 #include "can_hall_array/can_hall_array_process.hpp"
-#include "can_hall_array/device_clock.hpp"
+#include "clock/device_clock.hpp"
 #include "process/command_line.hpp"
 #include "process/status_reporter.hpp"
 

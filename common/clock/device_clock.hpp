@@ -1,4 +1,4 @@
-// Times that a CAN adapter took by its own clock, in the host's time. The adapter's are even, the
+// Times that a device took by its own clock, in the host's time. The device's are even, the
 // host's come late by whatever the host was busy with: the offset between the two is the smallest
 // ever seen, allowed to grow as slowly as clocks drift, so that mapped times neither jump nor
 // inherit the host's delays.

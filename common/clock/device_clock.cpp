@@ -1,4 +1,4 @@
-#include "can_hall_array/device_clock.hpp"
+#include "clock/device_clock.hpp"
 
 #include <algorithm>
 #include <cmath>
