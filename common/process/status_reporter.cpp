@@ -2,7 +2,9 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
+#include <cctype>
 
 #include "bus/wall_clock.hpp"
 #include "process/channels.hpp"
@@ -46,7 +48,11 @@ void StatusReporter::tick(const BusCounters& counters, ProcessState state,
   status_.resident_bytes = resident_bytes();
   last_cpu_ = cpu;
   bus_.publish_status(channel::kProcessStatus, status_);
-  notify_service_manager("WATCHDOG=1\nSTATUS=" + (message.empty() ? "running" : message));
+  // What others wrote into a message must not pass for an assignment of its own.
+  std::string line = message.empty() ? "running" : message;
+  std::replace_if(
+      line.begin(), line.end(), [](unsigned char c) { return std::iscntrl(c); }, ' ');
+  notify_service_manager("READY=1\nWATCHDOG=1\nSTATUS=" + line);
 }
 
 }  // namespace gastronaut

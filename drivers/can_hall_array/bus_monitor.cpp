@@ -34,6 +34,8 @@ void BusMonitor::heard() {
   if (state_ == State::kBusOff) enter(State::kActive);
 }
 
+void BusMonitor::started() { enter(State::kActive); }
+
 std::string BusMonitor::describe(const std::string& interface) const {
   switch (state_) {
     case State::kBusOff:

@@ -24,6 +24,8 @@ class BusMonitor {
   void handle(const CanFrame& error_frame);
   // A frame of data came: the bus works.
   void heard();
+  // The interface went down and came up: its controller begins without errors.
+  void started();
 
   State state() const { return state_; }
   const Counters& counters() const { return counters_; }

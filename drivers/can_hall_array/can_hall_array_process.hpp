@@ -24,6 +24,8 @@ class CanHallArrayProcess {
   // axis that has not come is NaN and its sensor STALE; currents that are not all there are not
   // published, their number is missing.
   void handle(const CanFrame& frame);
+  // The interface has come up.
+  void start_listening() { monitor_.started(); }
   // It is `utime` now, and every frame received before has been handled.
   void advance(std::int64_t utime);
   // Publishes what is still held back.

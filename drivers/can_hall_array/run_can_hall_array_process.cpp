@@ -56,6 +56,7 @@ class SocketSource : public FrameSource {
       if (!socket_) {
         socket_.emplace(configuration_.interface, process.layout().identifiers());
         clock_ = {};
+        process.start_listening();
         spdlog::info("listening on {}", configuration_.interface);
         problem_.clear();
       }

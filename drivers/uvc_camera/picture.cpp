@@ -69,8 +69,7 @@ std::vector<std::uint8_t> encode_jpeg(const Picture& picture) {
     planes[0][2 * pair + 1] = yuyv[2];
     planes[2][pair] = yuyv[3];
   }
-  std::array<const std::uint8_t*, 3> sources{planes[0].data(), planes[1].data(),
-                                                   planes[2].data()};
+  std::array<const std::uint8_t*, 3> sources{planes[0].data(), planes[1].data(), planes[2].data()};
   thread_local const Handle encoder(tjInitCompress());
   unsigned char* jpeg = nullptr;
   unsigned long size = 0;

@@ -1,6 +1,5 @@
 #include "uvc_camera/uvc_frame_assembler.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -82,7 +81,7 @@ bool UvcFrameAssembler::take_header(std::span<const std::uint8_t> payload, std::
 
 // PTS is when the exposure began, SCR what the camera's clock showed when the payload went out.
 void UvcFrameAssembler::take_clock(std::span<const std::uint8_t> header, std::int64_t utime) {
-  if (!is_clock_good_ || settings_.clock_frequency <= 0 || (header[1] & kSourceClock) == 0) return;
+  if (settings_.clock_frequency <= 0 || (header[1] & kSourceClock) == 0) return;
   const bool has_time = (header[1] & kPresentationTime) != 0;
   const std::uint32_t source = read_dword(header.subspan(has_time ? 6 : 2));
   // Differences of 32 bits go around with the counter.
@@ -93,25 +92,12 @@ void UvcFrameAssembler::take_clock(std::span<const std::uint8_t> header, std::in
     return std::llround(static_cast<double>(ticks) * microseconds_per_tick);
   };
   const std::int64_t sent = clock_.to_host(microseconds(ticks_), utime);
-  watch_clock(utime - sent, utime);
   if (!has_time || frame_.capture) return;
   const auto ago = static_cast<std::int32_t>(source - read_dword(header.subspan(2)));
   // Some cameras' time stamps are not of the clock that they announce.
   constexpr double kLongestAgo = 1;  // seconds
   if (ago < 0 || ago > kLongestAgo * settings_.clock_frequency) return;
   frame_.capture = sent - microseconds(ago);
-}
-
-// A clock slower than announced falls behind more and more; a busy host delays some payloads only.
-void UvcFrameAssembler::watch_clock(std::int64_t lag, std::int64_t utime) {
-  constexpr std::int64_t kWindow = 5'000'000;  // microseconds
-  constexpr std::int64_t kMostLag = 50'000;    // microseconds
-  if (!lag_since_ || utime - *lag_since_ > kWindow) {
-    if (lag_since_ && least_lag_ > kMostLag) is_clock_good_ = false;
-    lag_since_ = utime;
-    least_lag_ = lag;
-  }
-  least_lag_ = std::min(least_lag_, lag);
 }
 
 void UvcFrameAssembler::take_data(std::span<const std::uint8_t> data) {

@@ -46,13 +46,10 @@ class UvcFrameAssembler {
   void add_loss();
 
   const Counters& counters() const { return counters_; }
-  // False: the camera's clock runs otherwise than it says, frames have no `capture`.
-  bool is_clock_good() const { return is_clock_good_; }
 
  private:
   bool take_header(std::span<const std::uint8_t> payload, std::int64_t utime);
   void take_clock(std::span<const std::uint8_t> header, std::int64_t utime);
-  void watch_clock(std::int64_t lag, std::int64_t utime);
   void take_data(std::span<const std::uint8_t> data);
   void end_frame(bool is_ended);
 
@@ -71,9 +68,6 @@ class UvcFrameAssembler {
   std::optional<std::uint32_t> last_ticks_;
   std::int64_t ticks_ = 0;
   DeviceClock clock_;
-  bool is_clock_good_ = true;
-  std::optional<std::int64_t> lag_since_;  // utime
-  std::int64_t least_lag_ = 0;             // microseconds since then, of a mapped time to arrival
 };
 
 }  // namespace gastronaut

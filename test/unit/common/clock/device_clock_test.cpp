@@ -53,5 +53,20 @@ TEST(DeviceClock, AClockThatWasSetIsFollowedAtOnce) {
   EXPECT_EQ(clock.to_host(50'010'000, kHostStart - kHour + kPeriod), kHostStart - kHour + kPeriod);
 }
 
+TEST(DeviceClock, AHostsClockThatWasSetForwardIsFollowedWithinTwoSeconds) {
+  constexpr std::int64_t kForward = 500'000;     // microseconds: too little to be seen at once
+  constexpr std::int64_t kPatience = 2'000'000;  // microseconds
+  constexpr std::int64_t kLargestError = 1000;   // microseconds
+  DeviceClock clock;
+  for (std::int64_t time = 0; time < 20 * kPatience; time += kPeriod) {
+    const std::int64_t host = kHostStart + time + (time >= 10 * kPatience ? kForward : 0);
+    const std::int64_t mapped = clock.to_host(time, host);
+    EXPECT_LE(mapped, host);
+    if (time >= 11 * kPatience) {
+      EXPECT_LE(host - mapped, kLargestError);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace gastronaut
