@@ -5,6 +5,7 @@ LCM's Python bindings are in no Debian package; for one small message a second i
 """
 import os
 import pathlib
+import shlex
 import socket
 import struct
 import sys
@@ -17,6 +18,7 @@ PROCESSING = ["magnetic_localizer", "depth_estimator", "visual_slam", "sensor_fu
 STATES = ["starting", "running", "DEGRADED", "FAILED"]
 
 HERE = pathlib.Path(__file__).resolve().parent
+ETC = pathlib.Path("/etc/gastronaut")
 
 
 def program_folder(build="release"):
@@ -74,4 +76,16 @@ def read_status(packet, status_type):
 
 
 def url_from_environment():
-    return os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
+    installed = read_environment(ETC / "gastronaut.env") if program_folder() == HERE else {}
+    return os.environ.get("LCM_DEFAULT_URL") or installed.get("LCM_DEFAULT_URL") or DEFAULT_URL
+
+
+def read_environment(path):
+    """The assignments of gastronaut.env."""
+    values = {}
+    if path.exists():
+        for line in path.read_text().splitlines():
+            name, equals, value = line.strip().partition("=")
+            if equals and not name.startswith("#"):
+                values[name] = " ".join(shlex.split(value))
+    return values

@@ -1,5 +1,8 @@
 #include "process/whole_file.hpp"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -7,6 +10,16 @@
 #include <system_error>
 
 namespace gastronaut {
+namespace {
+
+void sync_file(const std::string& path) {
+  const int handle = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (handle < 0) return;
+  fsync(handle);
+  close(handle);
+}
+
+}  // namespace
 
 void write_whole(const std::string& path, const std::function<void(std::ofstream&)>& write) {
   const std::string partial = path + ".partial";
@@ -14,7 +27,11 @@ void write_whole(const std::string& path, const std::function<void(std::ofstream
   if (file) write(file);
   file.close();
   std::error_code error;
-  if (file) std::filesystem::rename(partial, path, error);
+  if (file) {
+    // Without this a power cut may leave the new name with nothing behind it.
+    sync_file(partial);
+    std::filesystem::rename(partial, path, error);
+  }
   if (!file || error) {
     const std::string why = error ? error.message() : std::strerror(errno);
     std::filesystem::remove(partial, error);

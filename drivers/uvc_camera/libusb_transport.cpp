@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <fstream>
+#include <iterator>
 #include <utility>
 #include <vector>
 
@@ -99,15 +101,33 @@ class Device {
                        number.empty() ? "" : ", serial " + number);
   }
   std::vector<UvcFunction> functions() const {
-    std::vector<std::uint8_t> bytes(65535);  // wTotalLength is 16 bits
-    const int length = libusb_get_descriptor(handle_, LIBUSB_DT_CONFIG, 0, bytes.data(),
-                                             static_cast<int>(bytes.size()));
-    if (length < 0) throw CameraUnavailable(identity() + ": " + libusb_strerror(length));
-    bytes.resize(static_cast<std::size_t>(length));
+    // libusb reads no more than 4096 bytes of it; some cameras have more. The kernel has them all:
+    // the device's descriptor, then that of each configuration.
+    constexpr std::size_t kDevice = 18;
+    constexpr std::size_t kTotalLength = 2;
+    const std::string path = system_folder() + "/descriptors";
+    std::ifstream file(path, std::ios::binary);
+    std::vector<std::uint8_t> bytes{std::istreambuf_iterator<char>(file), {}};
+    if (bytes.size() < kDevice + kTotalLength + 2) throw CameraUnavailable(path + " is not there");
+    bytes.erase(bytes.begin(), bytes.begin() + kDevice);
+    const std::size_t length = bytes[kTotalLength] | bytes[kTotalLength + 1] << 8;
+    bytes.resize(std::min(bytes.size(), length));
     return parse_uvc_descriptors(bytes);
   }
 
  private:
+  // Bus and ports: /sys/bus/usb/devices/1-2.3
+  std::string system_folder() const {
+    std::array<std::uint8_t, 8> ports{};
+    const int depth =
+        libusb_get_port_numbers(device_, ports.data(), static_cast<int>(ports.size()));
+    std::string name = std::to_string(libusb_get_bus_number(device_));
+    for (int i = 0; i < depth; ++i) {
+      name += (i == 0 ? "-" : ".") + std::to_string(ports[static_cast<std::size_t>(i)]);
+    }
+    return "/sys/bus/usb/devices/" + name;
+  }
+
   std::shared_ptr<Context> context_;
   libusb_device* device_;  // kept by the handle
   libusb_device_handle* handle_ = nullptr;

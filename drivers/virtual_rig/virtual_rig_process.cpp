@@ -17,6 +17,7 @@
 #include "numerics/counter_random.hpp"
 #include "process/channels.hpp"
 #include "process/rig_config_message.hpp"
+#include "process/whole_file.hpp"
 #include "virtual_rig/camera_simulator.hpp"
 #include "virtual_rig/magnetic_rig.hpp"
 #include "virtual_rig/organ.hpp"
@@ -242,9 +243,9 @@ void VirtualRigProcess::write_surface(const std::string& path) const {
 }
 
 void VirtualRigProcess::write_truth(const std::string& path) const {
-  std::ofstream file(path);
-  file << write_configuration(rig_->magnetics.true_configuration());
-  if (!file.flush()) throw std::runtime_error(path + ": cannot be written");
+  write_whole(path, [this](std::ofstream& file) {
+    file << write_configuration(rig_->magnetics.true_configuration());
+  });
 }
 
 }  // namespace gastronaut

@@ -138,10 +138,18 @@ slam::VisualSlam make_slam(const RigConfiguration& configuration, const std::str
   if (map_file.empty() || !std::filesystem::exists(map_file)) {
     return slam::VisualSlam(options_of(configuration));
   }
-  slam::KeptMap kept = slam::load_map(map_file);
-  spdlog::info("{}: a map of {} surfels, seen from {} places", map_file, kept.surfels.size(),
-               kept.viewpoints.size());
-  return slam::VisualSlam(options_of(configuration), std::move(kept));
+  try {
+    slam::KeptMap kept = slam::load_map(map_file);
+    spdlog::info("{}: a map of {} surfels, seen from {} places", map_file, kept.surfels.size(),
+                 kept.viewpoints.size());
+    return slam::VisualSlam(options_of(configuration), std::move(kept));
+  } catch (const std::runtime_error& refusal) {
+    // Live, a map that cannot be read must not stop the localisation; it is set aside, whole.
+    const std::string aside = map_file + ".refused";
+    std::filesystem::rename(map_file, aside);
+    spdlog::warn("{}; it is kept as {}, and a new map begins", refusal.what(), aside);
+    return slam::VisualSlam(options_of(configuration));
+  }
 }
 
 std::uint8_t level(float albedo) {

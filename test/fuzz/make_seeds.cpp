@@ -10,6 +10,7 @@
 #include "bus/log_file.hpp"
 #include "configuration/rig_configuration.hpp"
 #include "message_types.hpp"
+#include "unit/drivers/uvc_camera/played_camera.hpp"
 
 namespace gastronaut {
 namespace {
@@ -131,6 +132,28 @@ std::vector<Seed> can_seeds() {
           "SIG_VALTYPE_ 12 coil0_current : 1;\n"s};
 }
 
+// Descriptors of a camera (0), and two of its pictures as payloads with a byte of length before
+// each: in transfers of bulk (1) and in packets (2).
+std::vector<Seed> uvc_seeds() {
+  const auto text = [](int kind, const Octets& bytes) {
+    return std::string(1, static_cast<char>(kind)) + std::string(bytes.begin(), bytes.end());
+  };
+  std::vector<Seed> seeds;
+  for (const bool is_isochronous : {true, false}) {
+    PlayedCamera camera(is_isochronous);
+    seeds.push_back(text(0, camera.configuration_descriptor()));
+    Octets payloads;
+    for (const std::uint32_t time : {0u, 33'333u}) {
+      for (const Octets& payload : camera.payloads(Octets(100, 7), time, time + 9000, {})) {
+        payloads.push_back(static_cast<std::uint8_t>(payload.size()));
+        payloads.insert(payloads.end(), payload.begin(), payload.end());
+      }
+    }
+    seeds.push_back(text(is_isochronous ? 2 : 1, payloads));
+  }
+  return seeds;
+}
+
 void write(const std::string& folder, const std::string& target, const std::vector<Seed>& seeds) {
   const std::string seeds_folder = folder + "/" + target;
   std::filesystem::create_directories(seeds_folder);
@@ -178,6 +201,7 @@ int main(int argc, char** argv) {
   write(folder, "configuration", configuration_seeds());
   write(folder, "import_table", table_seeds());
   write(folder, "can", can_seeds());
+  write(folder, "uvc", uvc_seeds());
   // Sequences of numbers for the targets that read numbers.
   std::string numbers;
   for (int i = 0; i < 256; ++i) numbers.push_back(static_cast<char>(i * 37));

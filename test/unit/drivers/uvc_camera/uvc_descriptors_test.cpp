@@ -48,6 +48,7 @@ Decode read_decode(const fs::path& path) {
   bool is_still = false;
   int width = 0;
   while (std::getline(file, line)) {
+    if (line.find("Other Speed Configuration") != std::string::npos) break;
     if (line.find("---") != std::string::npos) {
       section = line;
       is_still = section.find("Still") != std::string::npos;
@@ -58,11 +59,8 @@ Decode read_decode(const fs::path& path) {
     if (!std::regex_search(line, match, field) || is_still) continue;
     const std::string name = match[1];
     const auto value = static_cast<std::uint32_t>(std::stoul(match[3], nullptr, 16));
-    if (name == "bcdUVC") decode.version = static_cast<int>(value);
-    if (name == "dwClockFrequency" &&
-        section.find("Control Interface Header") != std::string::npos) {
-      decode.clock_frequency = value;
-    }
+    if (name == "bcdUVC" && decode.version == 0) decode.version = static_cast<int>(value);
+    if (name == "dwClockFreq" && decode.clock_frequency == 0) decode.clock_frequency = value;
     if (name == "wWidth") width = static_cast<int>(value);
     if (name == "wHeight") decode.sizes.emplace_back(width, static_cast<int>(value));
     if (name == "adwFrameInterval") decode.intervals.push_back(value);
