@@ -156,6 +156,14 @@ class LibusbTransport : public UsbTransport {
   }
 
   void select_alternate(int interface, int setting) override {
+    // Asked of a device that is gone, libusb 1.0.26 unlocks what it has not locked, and aborts in
+    // libusb_close() (its issue 1199): so first something harmless.
+    std::uint8_t is = 0;
+    constexpr std::uint8_t kFromStandard =
+        std::uint8_t{LIBUSB_RECIPIENT_INTERFACE} | std::uint8_t{LIBUSB_ENDPOINT_IN};
+    control(kFromStandard, LIBUSB_REQUEST_GET_INTERFACE, 0, static_cast<std::uint16_t>(interface),
+            &is, 1);
+    if (state_->is_gone) throw CameraUnavailable(name_ + " was unplugged");
     check(libusb_set_interface_alt_setting(handle(), interface, setting));
   }
 
@@ -206,6 +214,7 @@ class LibusbTransport : public UsbTransport {
     }
     auto fresh = std::make_shared<State>();
     fresh->device = state_->device;
+    fresh->is_gone = state_->is_gone;
     state_ = std::move(fresh);
   }
 
@@ -252,12 +261,15 @@ class LibusbTransport : public UsbTransport {
               std::uint8_t* data, std::size_t size) {
     const int result = libusb_control_transfer(handle(), type, request, value, index, data,
                                                static_cast<std::uint16_t>(size), kControlTimeout);
-    if (result == LIBUSB_ERROR_NO_DEVICE) throw CameraUnavailable(name_ + " was unplugged");
+    if (result == LIBUSB_ERROR_NO_DEVICE) check(result);
     return result;
   }
 
   void check(int result) const {
-    if (result == LIBUSB_ERROR_NO_DEVICE) throw CameraUnavailable(name_ + " was unplugged");
+    if (result == LIBUSB_ERROR_NO_DEVICE) {
+      state_->is_gone = true;
+      throw CameraUnavailable(name_ + " was unplugged");
+    }
     if (result != 0) throw CameraUnavailable(name_ + ": " + libusb_strerror(result));
   }
 
