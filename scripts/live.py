@@ -1,4 +1,5 @@
-"""What run_live and doctor share: where the programs lie, and PROCESS_STATUS off the network.
+"""What run_live and doctor share: where the programs lie, what the units are told, and PROCESS_STATUS
+off the network.
 
 LCM's Python bindings are in no Debian package; for one small message a second its UDP format
 (lcm-proj.github.io, "UDP Multicast Protocol Description") is quickly read.
@@ -17,8 +18,8 @@ PROCESSING = ["magnetic_localizer", "depth_estimator", "visual_slam", "sensor_fu
               "occupancy_mapper"]
 STATES = ["starting", "running", "DEGRADED", "FAILED"]
 
-HERE = pathlib.Path(__file__).resolve().parent
 ETC = pathlib.Path("/etc/gastronaut")
+HERE = pathlib.Path(__file__).resolve().parent
 
 
 def program_folder(build="release"):
@@ -26,6 +27,17 @@ def program_folder(build="release"):
     if (HERE / "sensor_fusion").exists():
         return HERE
     return HERE.parent / "build" / build / "bin"
+
+
+def read_environment(folder=ETC):
+    """The assignments of the folder's gastronaut.env; none when it is not there."""
+    values, path = {}, pathlib.Path(folder) / "gastronaut.env"
+    if path.exists():
+        for line in path.read_text().splitlines():
+            name, equals, value = line.strip().partition("=")
+            if equals and not name.startswith("#"):
+                values[name] = " ".join(shlex.split(value))
+    return values
 
 
 def import_status_type(programs):
@@ -75,17 +87,7 @@ def read_status(packet, status_type):
         return None
 
 
-def url_from_environment():
-    installed = read_environment(ETC / "gastronaut.env") if program_folder() == HERE else {}
-    return os.environ.get("LCM_DEFAULT_URL") or installed.get("LCM_DEFAULT_URL") or DEFAULT_URL
-
-
-def read_environment(path):
-    """The assignments of gastronaut.env."""
-    values = {}
-    if path.exists():
-        for line in path.read_text().splitlines():
-            name, equals, value = line.strip().partition("=")
-            if equals and not name.startswith("#"):
-                values[name] = " ".join(shlex.split(value))
-    return values
+def default_url(environment):
+    """This shell's LCM_DEFAULT_URL, else gastronaut.env's."""
+    return (os.environ.get("LCM_DEFAULT_URL") or environment.get("LCM_DEFAULT_URL") or
+            DEFAULT_URL)

@@ -6,7 +6,6 @@
 #include <array>
 #include <atomic>
 #include <cmath>
-#include <fstream>
 #include <gastronaut/coil_currents_t.hpp>
 #include <gastronaut/depth_image_t.hpp>
 #include <gastronaut/hall_array_t.hpp>
@@ -243,6 +242,7 @@ void VirtualRigProcess::write_surface(const std::string& path) const {
 }
 
 void VirtualRigProcess::write_truth(const std::string& path) const {
+  // Others, started meanwhile, read it whole.
   write_whole(path, [this](std::ofstream& file) {
     file << write_configuration(rig_->magnetics.true_configuration());
   });

@@ -9,11 +9,15 @@ import java.util.Iterator;
 import javax.imageio.ImageIO;
 import javax.imageio.ImageReader;
 import javax.imageio.stream.ImageInputStream;
-import javax.imageio.stream.MemoryCacheImageInputStream;
 
 /** Turns image_t into pixels; throws IOException with the reason when the two do not agree. */
 final class PictureDecoder {
   private static final long MAX_PIXELS = 1L << 26;
+
+  static {
+    // Else every picture goes through a temporary file.
+    ImageIO.setUseCache(false);
+  }
 
   private PictureDecoder() {}
 
@@ -78,7 +82,7 @@ final class PictureDecoder {
     Iterator<ImageReader> readers = ImageIO.getImageReadersByFormatName(format);
     if (!readers.hasNext()) throw new IOException("this Java cannot read " + format);
     ImageReader reader = readers.next();
-    try (ImageInputStream stream = new MemoryCacheImageInputStream(new ByteArrayInputStream(file))) {
+    try (ImageInputStream stream = ImageIO.createImageInputStream(new ByteArrayInputStream(file))) {
       reader.setInput(stream);
       if (reader.getWidth(0) != width || reader.getHeight(0) != height) {
         throw new IOException(String.format("%s of %d x %d pixels in a message of %d x %d", format,

@@ -4,7 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -85,15 +84,6 @@ std::optional<slam::AlbedoLevels> albedo_levels(const image_t& message,
       {camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy}, message.data};
 }
 
-bool is_covariance(const Matrix6d& matrix) {
-  const double largest = matrix.diagonal().maxCoeff();
-  constexpr double kRounding = 1e-9;
-  return matrix.diagonal().minCoeff() >= 0 &&
-         Eigen::SelfAdjointEigenSolver<Matrix6d>(matrix, Eigen::EigenvaluesOnly)
-                 .eigenvalues()
-                 .minCoeff() >= -kRounding * largest;
-}
-
 // Nothing for a state that cannot be one. A capsule is no farther than `farthest` metres from the
 // array's middle.
 std::optional<slam::FusedState> fused_state(const capsule_state_t& message, double farthest) {
@@ -115,7 +105,7 @@ std::optional<slam::FusedState> fused_state(const capsule_state_t& message, doub
                         state.rig_T_camera.translation.norm() < farthest &&
                         state.velocity.norm() < farthest &&
                         state.angular_velocity.norm() < 2 * M_PI / kUnit &&
-                        state.covariance.allFinite() && is_covariance(state.covariance);
+                        state.covariance.allFinite() && state.covariance.diagonal().minCoeff() >= 0;
   if (!possible) return std::nullopt;
   state.rig_T_camera.rotation.normalize();
   if (message.depth_scale >= 1 / kMostScale && message.depth_scale <= kMostScale) {
@@ -134,22 +124,24 @@ slam::VisualSlamOptions options_of(const RigConfiguration& configuration) {
   return options;
 }
 
+// An examination does not wait for a map that cannot be read: that is set aside, and it starts
+// without one.
 slam::VisualSlam make_slam(const RigConfiguration& configuration, const std::string& map_file) {
   if (map_file.empty() || !std::filesystem::exists(map_file)) {
     return slam::VisualSlam(options_of(configuration));
   }
+  std::optional<slam::KeptMap> kept;
   try {
-    slam::KeptMap kept = slam::load_map(map_file);
-    spdlog::info("{}: a map of {} surfels, seen from {} places", map_file, kept.surfels.size(),
-                 kept.viewpoints.size());
-    return slam::VisualSlam(options_of(configuration), std::move(kept));
+    kept = slam::load_map(map_file);
   } catch (const std::runtime_error& refusal) {
-    // Live, a map that cannot be read must not stop the localisation; it is set aside, whole.
     const std::string aside = map_file + ".refused";
     std::filesystem::rename(map_file, aside);
-    spdlog::warn("{}; it is kept as {}, and a new map begins", refusal.what(), aside);
+    spdlog::warn("{}; it is {} now, and a new map is begun", refusal.what(), aside);
     return slam::VisualSlam(options_of(configuration));
   }
+  spdlog::info("{}: a map of {} surfels, seen from {} places", map_file, kept->surfels.size(),
+               kept->viewpoints.size());
+  return slam::VisualSlam(options_of(configuration), std::move(*kept));
 }
 
 std::uint8_t level(float albedo) {
@@ -173,10 +165,10 @@ void add_surfel(const slam::SurfelArrays& surfels, std::int32_t id, map_surfels_
   message.confidence.push_back(surfels.confidence[k]);
 }
 
-map_deformation_t message_of(const slam::MapDeformation& bend) {
+map_deformation_t message_of(const slam::MapDeformation& bend, int map_version) {
   map_deformation_t message{};
   message.utime = bend.utime;
-  message.map_version = bend.map_version;
+  message.map_version = map_version;
   message.kind = static_cast<std::int8_t>(bend.kind);
   const std::vector<slam::DeformationNode>& nodes = bend.graph.nodes();
   message.num_nodes = static_cast<std::int32_t>(nodes.size());
@@ -367,7 +359,7 @@ void VisualSlamProcess::publish_deformations() {
     last_bend_ =
         fmt::format("the last by {:.2g} mm, {:.2g} mm are left",
                     1e3 * bend.report.mean_error_before, 1e3 * bend.report.mean_error_after);
-    bus_.publish(channel::kMapDeformation, message_of(bend));
+    bus_.publish(channel::kMapDeformation, message_of(bend, slam_.map_version()));
   }
 }
 
@@ -410,7 +402,6 @@ void VisualSlamProcess::finish() {
   }
   merge_alone();
   slam_.settle();
-  publish_deformations();
   // Twice: the rest of the portion under way, and what has changed since it was taken.
   constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
   if (published_ < increment_.changed.size()) publish_map(last_utime_ + 1, kAll - published_);
