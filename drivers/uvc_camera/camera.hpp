@@ -21,7 +21,7 @@ class CameraUnavailable : public std::runtime_error {
 struct CameraCounters {
   std::int64_t pictures = 0;  // whole ones
   std::int64_t damaged = 0;   // cut short, not decodable, or marked so by camera or bus
-  std::int64_t lost = 0;      // the camera had them; nobody took them in time
+  std::int64_t lost = 0;  // missing from the kernel's count: damaged there, or not taken in time
 
   CameraCounters& operator+=(const CameraCounters& other) {
     pictures += other.pictures;

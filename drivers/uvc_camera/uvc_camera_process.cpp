@@ -80,7 +80,8 @@ UvcCameraProcess::Health UvcCameraProcess::report(const CameraCounters& counters
         " pictures were damaged and left out; try another cable or port, or a lower rate");
   }
   if (counters.lost > told_.lost) {
-    add(std::to_string(counters.lost - told_.lost) + " pictures were not taken in time");
+    add(std::to_string(counters.lost - told_.lost) +
+        " pictures were lost in the kernel: damaged, or not taken in time");
   }
   told_ = counters;
   for (const std::string& problem : controls.problems) add(problem);

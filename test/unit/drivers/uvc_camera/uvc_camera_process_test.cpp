@@ -97,7 +97,7 @@ TEST_F(Publishing, HealthTellsWhatIsNew) {
   EXPECT_THAT(process.report({0, 0, 0}, {}).message, HasSubstr("no picture comes"));
   EXPECT_EQ(process.report({10, 0, 0}, {}).state, ProcessState::kRunning);
   EXPECT_THAT(process.report({20, 3, 1}, {}).message,
-              AllOf(HasSubstr("3 pictures were damaged"), HasSubstr("1 pictures were not taken")));
+              AllOf(HasSubstr("3 pictures were damaged"), HasSubstr("1 pictures were lost")));
   EXPECT_EQ(process.report({30, 3, 1}, {}).state, ProcessState::kRunning);
   LockedControls controls;
   controls.problems = {"gain is 3"};
