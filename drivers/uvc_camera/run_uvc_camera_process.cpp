@@ -61,13 +61,12 @@ class CameraWatch {
       std::optional<Picture> picture = camera_->next(kMostWait);
       const auto now = Clock::now();
       if (picture) {
-        last_ = std::max(last_, now);
+        last_ = now;
       } else if (now - last_ > silence()) {
         is_reset_due_ = true;
         leave(
             fmt::format("no picture for {:.1f} s: starting the camera again", seconds(silence())));
       }
-      if (picture) last_ = now;
       return picture;
     } catch (const CameraUnavailable& unavailable) {
       leave(unavailable.what());
